@@ -79,7 +79,9 @@ def modes(names):
     return out
 
 
-def main(parts: list[str] = ("cost", "modes"), *, lens: list[str] = ("cmount_8mm_f2p8", "dgauss_50mm_tronnier")) -> dict:
+def main(
+    parts: list[str] = ("cost", "modes"), *, lens: list[str] = ("cmount_8mm_f2p8", "dgauss_50mm_tronnier")
+) -> dict:
     report = {"blender": render(osl=None, hfov_deg=40, scene="empty", width=8, height=8, samples=1)[2]}
     works = {"cost": cost, "modes": lambda: modes(lens)}
     return report | {part: works[part]() for part in parts}

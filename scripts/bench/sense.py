@@ -1,6 +1,6 @@
 """`pecs sense` beside OpenEXR alone on the same files with the same threads: frames per second and peak memory, JSON.
 
-    python scripts/bench/sense.py [--build build/release] [--frames 60] [--passes 5] [--threads 2]
+python scripts/bench/sense.py [--build build/release] [--frames 60] [--passes 5] [--threads 2]
 """
 
 import json

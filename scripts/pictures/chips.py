@@ -4,13 +4,12 @@
 scripts/pictures/chips.py
 """
 
-import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
-import pecs
 from figures import GREY, INK, ROOT, plt, save
+from pecs_lab.measure import ask
+from pecs_lab.report import cell, table
 
 LUX = (1, 10, 100, 1000, 10_000)
 FNUMBERS = (1.4, 2, 4)
@@ -30,11 +29,6 @@ proportional to E / N².
 """
 
 
-def ask(*words: object) -> dict:
-    done = subprocess.run([pecs.program(), *map(str, words), "--json"], check=True, capture_output=True, text=True)
-    return json.loads(done.stdout)
-
-
 def confidence(source: str) -> str:
     if source.startswith(("assumed", "no published")):
         return "assumed"
@@ -43,20 +37,14 @@ def confidence(source: str) -> str:
     return "fitted" if source.startswith("fitted") else "published"
 
 
-def number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
-
-
 def light_table(names: list[str]) -> str:
-    rows = ["| chip | f-number | " + " | ".join(f"{lux:,} lux" for lux in LUX) + " |", "|---" * (2 + len(LUX)) + "|"]
+    rows = []
     for name in names:
         for fnumber in FNUMBERS:
-            cells = []
-            for lux in LUX:
-                light = ask("chip", "info", name, "--lux", lux, "--fnumber", fnumber)["light"]
-                cells.append(f"{number(1e15 * light['photocurrent_a'])} fA, {number(light['corner_hz'])} Hz")
-            rows.append(f"| {name} | {fnumber:g} | " + " | ".join(cells) + " |")
-    return "\n".join(rows) + "\n"
+            lights = [ask("chip", "info", name, "--lux", lux, "--fnumber", fnumber)["light"] for lux in LUX]
+            cells = [f"{cell(1e15 * light['photocurrent_a'])} fA, {cell(light['corner_hz'])} Hz" for light in lights]
+            rows.append([name, f"{fnumber:g}", *cells])
+    return table(["chip", "f-number", *(f"{lux:,} lux" for lux in LUX)], rows) + "\n"
 
 
 def draw(name: str, info: dict, path: Path) -> None:
@@ -75,14 +63,14 @@ def draw(name: str, info: dict, path: Path) -> None:
 
 
 def section(name: str, info: dict) -> str:
-    rows = ["| value | | confidence | source |", "|---|---|---|---|"]
+    rows = []
     for key, entry in info["values"].items():
         unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-        rows.append(f"| `{key}` | {entry['value']:.4g}{unit} | {confidence(entry['source'])} | {entry['source']} |")
+        rows.append([f"`{key}`", f"{entry['value']:.4g}{unit}", confidence(entry["source"]), entry["source"]])
     names = ", ".join(info.get("trade_names", []))
     text = f"\n## {name}\n{info['description']}." + (f" Cameras and other names: {names}." if names else "")
     picture = f"![Relative quantum efficiency of {name}; photocurrent and corner over illuminance](chips/{name}.svg)"
-    return text + f"\n\n{picture}\n\n" + "\n".join(rows) + "\n"
+    return text + f"\n\n{picture}\n\n" + table(["value", "", "confidence", "source"], rows) + "\n"
 
 
 def main() -> None:

@@ -1,27 +1,24 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""The pictures of docs/concepts/ from renders of the lab's disk and docs/studies/.
+"""The pictures of docs/concepts/ from renders of the lab's disk (bands.svg and floor.svg: results.py).
 
 size="--bands 6 --width 320 --height 180"
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/still $size --frames 1 --samples 32
 .venv/bin/python -m pecs_blender render scenes/rotating_disk -o out/turning $size --fps 2800 --frames period \\
     --time adaptive
-.venv/bin/python scripts/pictures/concepts.py out/still out/turning -o docs/concepts \\
-    --ablation out/ablation/ablation.json --table1 out/table1/table1.json
+.venv/bin/python scripts/pictures/concepts.py out/still out/turning
 """
 
-import argparse
-import csv
-import json
-import subprocess
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pecs
 from figures import GREY, INK, OFF, ON, ROOT, figure, plt, save
+from pecs_blender.spectral.spectra import load
+from pecs_lab.measure import answer, command
 from scipy.interpolate import PchipInterpolator
 
-PECS = ROOT / "build/release/bin/pecs"
-CHIP = "imx636"
+FOLDER, CHIP = ROOT / "docs/concepts", "imx636"
 PIXEL = (180, 90)  # x, y: on the disk, where edges pass
 WINDOW_US = (20_000.0, 95_000.0)
 STEP_US = 50.0
@@ -30,21 +27,11 @@ LUX = (500, 50_000)  # an office, the sun
 SLOW_ROW_S = 5e-6  # so that the order of the rows can be seen; the chip's own is 10 ns
 
 
-def program(*arguments):
-    subprocess.run([PECS, *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
-
-
-def table(path):
-    """Wavelengths and values of a spectrum file."""
-    rows = [row for row in csv.reader(path.open()) if row and row[0][0].isdigit()]
-    return np.array(rows, dtype=float).T
-
-
-def spectrum(info, chip, path):
+def spectrum(info, chip):
     """Lamp, response of the chip, and where the bands lie."""
     fig, axes = figure()
-    lambda_nm, power = table(ROOT / "lens_data/spectra/led_b3.csv")
-    axes.plot(lambda_nm, power / power.max(), color="#b7950b", label="lamp (LED-B3)")
+    lamp = load("led_b3")
+    axes.plot(lamp.lambda_nm, lamp.value / lamp.value.max(), color="#b7950b", label="lamp (LED-B3)")
     response = chip.info["relative_qe"]
     axes.plot(response["lambda_nm"], response["value"], color=INK, label="quantum efficiency of the chip (relative)")
     bands = info["bands"]
@@ -52,17 +39,17 @@ def spectrum(info, chip, path):
     axes.bar([b["lambda_nm"] for b in bands], weights / weights.max(), 5, color=GREY, alpha=0.6, label="6 bands")
     axes.set(xlim=(380, 1000), ylim=(0, 1.35), xlabel="wavelength (nm)", ylabel="relative to its greatest")
     axes.legend(loc="upper right", ncols=3)
-    save(fig, path)
+    save(fig, FOLDER / "spectrum.svg")
 
 
-def picture(values, label, path, colours="magma", mark=None):
+def picture(values, label, name, colours="magma", mark=None):
     fig, axes = plt.subplots(figsize=(6.2, 3.2), layout="constrained")
     drawn = axes.imshow(values, cmap=colours, vmin=0)
     axes.set_axis_off()
     if mark:
         axes.plot(*mark, "o", mfc="none", mec="#2ecc71", mew=2, ms=9)
     fig.colorbar(drawn, ax=axes, label=label, shrink=0.9)
-    save(fig, path)
+    save(fig, FOLDER / name)
 
 
 def photoreceptor(current_a, corner_hz_per_a):
@@ -96,7 +83,7 @@ def mark(axes, x, y, events, down_to=None):
             axes.vlines(x[at], down_to, y[at], color=colour, lw=0.7)
 
 
-def light_to_events(stack, chip, folder):
+def light_to_events(stack, chip):
     t_us = np.arange(*WINDOW_US, STEP_US)
     x, y = PIXEL
     with pecs.Light(stack, [chip]) as light:
@@ -111,7 +98,7 @@ def light_to_events(stack, chip, folder):
         axes.plot(ms, voltage - base, color=colour, label=f"photoreceptor, {lux:,} lx")
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
     axes.legend(loc="upper center", ncols=3)
-    save(fig, folder / "photoreceptor.svg")
+    save(fig, FOLDER / "photoreceptor.svg")
 
     v = voltages[0] - base
     events, reference = reference_steps(v, chip.contrast_threshold_on, chip.contrast_threshold_off)
@@ -121,10 +108,10 @@ def light_to_events(stack, chip, folder):
     mark(axes, ms, v, events)
     axes.set(xlabel="time (ms)", ylabel="ln, from the darkest", ylim=(-0.1, 3.2))
     axes.legend(loc="upper center", ncols=4)
-    save(fig, folder / "threshold.svg")
+    save(fig, FOLDER / "threshold.svg")
 
 
-def curve_between_frames(folder):
+def curve_between_frames():
     """Times of crossings on a curve through frames, and on the frames alone."""
     frames_ms = np.arange(0, 9)
     values = 0.9 * np.sin(2 * np.pi * frames_ms / 11.0) ** 2
@@ -137,17 +124,17 @@ def curve_between_frames(folder):
     mark(axes, fine, curve, events, down_to=-0.1)
     axes.set(xlabel="time (ms)", ylabel="ln(photocurrent)", ylim=(-0.1, 1.35))
     axes.legend(ncols=4, loc="upper center")
-    save(fig, folder / "between_frames.svg")
+    save(fig, FOLDER / "between_frames.svg")
 
 
-def readout(stack, folder, scratch):
+def readout(stack):
     """The same events as they come and as the chip delivers them, row by row."""
-    streams = {}
+    streams, slow = {}, {"readout_row_s": SLOW_ROW_S}
     for kind in ("ideal", "chip"):
-        path = scratch / f"{kind}.npz"
-        slow = {"readout_row_s": SLOW_ROW_S}
-        pecs.sense(stack, path, chip=CHIP, overrides=slow, readout=kind, warmup_loops=2, duration_us=83_000)
-        streams[kind] = pecs.read(path)
+        with tempfile.TemporaryDirectory() as scratch:
+            path = Path(scratch, "events.npz")
+            pecs.sense(stack, path, chip=CHIP, overrides=slow, readout=kind, warmup_loops=2, duration_us=83_000)
+            streams[kind] = pecs.read(path)
     fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8), sharex=True, sharey=True, layout="constrained")
     middle = int(np.median(streams["ideal"]["t"]))
     for axes, kind, title in (
@@ -163,73 +150,25 @@ def readout(stack, folder, scratch):
         axes.title.set_size(9)
         axes.spines[["top", "right"]].set_visible(False)
     left.set(ylabel="row (pixels)", ylim=(180, 0))
-    save(fig, folder / "readout.svg")
+    save(fig, FOLDER / "readout.svg")
 
 
-def bands(ablation, folder):
-    """RMS error of ln(photocurrent) of the ColorChecker over the number of bands."""
-    found = [row for row in json.loads(ablation.read_text())["bands"] if row["scene"] == "colour"]
-    fig, axes = figure()
-    for placement, name, colour in (("means", "means over", INK), ("gauss", "Gauss", ON), ("uniform", "uniform", GREY)):
-        rows = [row for row in found if row["placement"] == placement and row["n"] <= 31]
-        error = [row["log_rms_percent"] for row in rows]
-        axes.loglog([row["n"] for row in rows], error, "o-", color=colour, label=f"{name} bands")
-    axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)")
-    axes.set_xticks([1, 3, 6, 12, 31], labels=["1", "3", "6", "12", "31"])
-    axes.minorticks_off()
-    axes.legend()
-    save(fig, folder / "bands.svg")
-
-
-def floor(table1, folder):
-    """Chamfer distance of each model to the recording of R_360_L, and between halves of the recording."""
-    rows = [row for row in json.loads(table1.read_text()) if "chamfer_shared" in row and row["sequence"] == "R_360_L"]
-    rows.sort(key=lambda row: row["chamfer_shared"])
-    halves = rows[0]["floor"]["chamfer"]
-    fig, axes = figure(7, 2.2)
-    colours = [ON if row["model"] == "pecs" else GREY for row in rows]
-    axes.barh([row["model"] for row in rows], [row["chamfer_shared"] for row in rows], color=colours, height=0.6)
-    axes.axvline(halves, color=INK, ls="--", lw=1)
-    axes.annotate(
-        "floor: one half of the recording\nagainst the other half", (halves + 0.3, 0.05), fontsize=8, va="center"
-    )
-    axes.invert_yaxis()
-    axes.set(xlabel="Chamfer distance to the recording")
-    save(fig, folder / "floor.svg")
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("still", type=Path, help="one frame of the disk")
-    parser.add_argument("turning", type=Path, help="a period of it")
-    parser.add_argument("--ablation", type=Path, help="ablation.json of scripts/studies/ablation.py: bands.svg")
-    parser.add_argument("--table1", type=Path, help="table1.json of scripts/studies/table1.py --real: floor.svg")
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs/concepts")
-    options = parser.parse_args()
-    folder, still = options.output, options.still
-    folder.mkdir(parents=True, exist_ok=True)
-    scratch = ROOT / "out/concept_pictures"
-    scratch.mkdir(parents=True, exist_ok=True)
-
-    program("render-preview", still, "-o", folder / "scene.png")
-    program("lens", "draw", "pecs_lab_15mm", "-o", folder / "lens.svg", "--focus", 1.56)
-    for record in folder.glob("*.run.json"):
+def main(still: Path, turning: Path) -> None:
+    answer(pecs.program(), "render-preview", still, "-o", FOLDER / "scene.png")
+    answer(pecs.program(), "lens", "draw", "pecs_lab_15mm", "-o", FOLDER / "lens.svg", "--focus", 1.56)
+    for record in FOLDER.glob("*.run.json"):
         record.unlink()
     chip = pecs.Chip(CHIP)
     with pecs.StackReader(still) as reader:
         info, film = reader.info, reader.read_frame(0)[2]
-    spectrum(info, chip, folder / "spectrum.svg")
+    spectrum(info, chip)
     at_nm = f"{info['bands'][2]['lambda_nm']:.0f} nm"
-    picture(film * 1e6, f"µW per m² and nm, at {at_nm}", folder / "film.png", "viridis")
-    picture(chip.photocurrent(still, frames=0) * 1e15, "fA", folder / "photocurrent.png", mark=PIXEL)
-    light_to_events(options.turning, chip, folder)
-    readout(options.turning, folder, scratch)
-    curve_between_frames(folder)
-    if options.ablation:
-        bands(options.ablation, folder)
-    if options.table1:
-        floor(options.table1, folder)
+    picture(film * 1e6, f"µW per m² and nm, at {at_nm}", "film.png", "viridis")
+    picture(chip.photocurrent(still, frames=0) * 1e15, "fA", "photocurrent.png", mark=PIXEL)
+    light_to_events(turning, chip)
+    readout(turning)
+    curve_between_frames()
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

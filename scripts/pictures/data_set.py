@@ -2,10 +2,9 @@
 """Draws the middle of each sequence of a data set: a picture of the same pixels, events, depth, optical flow, objects.
 
 scripts/dataset_demo.sh
-scripts/pictures/data_set.py out/dataset_demo -o docs/start/demo_set.webp
+scripts/pictures/data_set.py out/dataset_demo docs/start/demo_set.webp
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,6 +16,7 @@ from pecs.datasets.preview import WINDOW_US
 from pecs.datasets.report_pictures import flow_picture
 from pecs.datasets.sequence import Sequence, frames_of
 from pecs.datasets.writers._pictures import depth_picture, event_picture
+from pecs_lab.measure import command
 
 COLUMNS = "picture", f"events of {WINDOW_US / 1000:g} ms: ON blue, OFF orange", "1 / depth", "optical flow", "objects"
 
@@ -46,12 +46,8 @@ def row(sequence: Sequence) -> tuple[str, list[np.ndarray]]:
     ]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("set", type=Path)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    args = parser.parse_args()
-    rows = [row(sequence) for sequence in sequences(args.set)]
+def main(folder: Path, output: Path) -> None:
+    rows = [row(sequence) for sequence in sequences(folder)]
     size = 15, 2.35 * len(rows)
     figure, axes = plt.subplots(len(rows), len(COLUMNS), figsize=size, squeeze=False, layout="constrained")
     for axis, title in zip(axes[0], COLUMNS, strict=True):
@@ -61,8 +57,8 @@ def main() -> None:
         for axis, picture in zip(line, pictures, strict=True):
             axis.imshow(picture, cmap="gray")
             axis.set(xticks=[], yticks=[])
-    figure.savefig(args.output, dpi=90)
+    figure.savefig(output, dpi=90)
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -27,6 +27,7 @@ from pecs_lab.disk import Disk
 from pecs_lab.measure import command
 from pecs_lab.report import table
 
+OUTPUT = Path("fit_hidden.json")
 CHIP = "imx636"  # overridden by the drawn values
 SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
@@ -193,9 +194,8 @@ def summary(chips: list[dict]) -> list[list[object]]:
 
 
 def main(
-    before: str = "lamp", *, chips: int = 20, first_seed: int = 100, pixels: int = 1024,
-    output: Path = Path(__file__).with_suffix(".json"),
-) -> None:  # fmt: skip
+    before: str = "lamp", *, chips: int = 20, first_seed: int = 100, pixels: int = 1024, output: Path = OUTPUT
+) -> None:
     make = {"lamp": record, "screen": record_screen, "disk": record_disk}[before]
     found: list[dict] = []
     for seed in range(first_seed, first_seed + chips):

@@ -14,7 +14,7 @@ from pecs.fit.model import Model
 from pecs.fit.profile import read
 
 from .disk import Disk
-from .program import ask
+from .measure import ask
 
 WARM_UP = 25  # periods of white and black before a recording: where few edges make events, pixels need 20 to forget
 COARSER = 8  # steps of the warm-up, but not of its last period, relative to those of the recording

@@ -8,7 +8,6 @@ ranges, then CMA-ES from the best of them.
 
 import time
 import warnings
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -12,8 +12,10 @@ import types
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pecs
 
 
 def command(work: Callable[..., object]) -> None:
@@ -62,6 +64,11 @@ def measured(words: list) -> Run:
 def answer(*words: object) -> str:
     """Standard output of a program."""
     return subprocess.run(list(map(str, words)), check=True, capture_output=True, text=True).stdout
+
+
+def ask(*words: object) -> Any:
+    """What `pecs WORDS --json` prints."""
+    return json.loads(answer(pecs.program(), *words, "--json"))
 
 
 def median_s(work: Callable[[], object], passes: int) -> tuple[float, object]:

@@ -91,5 +91,6 @@ def test_the_study_in_small(trainable, tmp_path):
     assert set(results) == {"pecs", "esim", "zero", "mean", "farneback"} and (tmp_path / "p.webp").is_file()
     assert all(set(row["gen3_vga"][0]) == set(test["metrics"]) for row in results.values())
     assert results["zero"]["gen3_vga"][0]["relative"] == pytest.approx(1)
-    views, config = study.training_views(study.Comparison(root, study.PLAN), "pecs"), FlowConfig(crop=32, intervals=(1,))
+    views = study.training_views(study.Comparison(root, study.PLAN), "pecs")
+    config = FlowConfig(crop=32, intervals=(1,))
     assert torch.equal(batch_of(views, config, 0)[0], batch_of(views, config, 0)[0])
