@@ -4,8 +4,8 @@ JSON.
     python scripts/bench/pixel_speed.py [--esim CHECKOUT] [--icns CHECKOUT] [--build build/release] [--passes 5]
 
 --esim: ideal pixels (`bench_pixel_speed`) beside a checkout of github.com/uzh-rpg/rpg_vid2e. Ours sorts its events and
-hands them on 64 frames at a time, as to a file; esim does not sort, and keeps them. A run of ours has three passes, warm
-except the first (`cold`). Threads are compared by the wall's clock, so on a quiet machine.
+hands them on 64 frames at a time, as to a file; esim does not sort, and keeps them. A run of ours has three passes,
+warm except the first (`cold`). Threads are compared by the wall's clock, so on a quiet machine.
 --icns: a pixel with all its noise beside neuromorphicsystems/IEBCS at b478243, before its C++ (cpp/simu.h) was removed,
 with its own; one thread. Programs are compiled here (g++, OpenCV, Eigen, Boost).
 """

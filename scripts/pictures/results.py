@@ -1,11 +1,11 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Pictures of results, each from what its study or bench wrote.
 
-scripts/pictures/results.py bands out/ablation/ablation.json       docs/concepts/bands.svg
-scripts/pictures/results.py floor out/sequences/table1.json        docs/concepts/floor.svg
-scripts/pictures/results.py keyframes REPORT                       docs/studies/keyframes.svg, of scripts/bench/motion.py
-scripts/pictures/results.py over_light                             docs/studies/latency_over_light.png, noise_over_light.png
-scripts/pictures/results.py fitted R_360_L.hdf5                    docs/studies/fitted.webp
+scripts/pictures/results.py bands out/ablation/ablation.json    docs/concepts/bands.svg
+scripts/pictures/results.py floor out/sequences/table1.json    docs/concepts/floor.svg
+scripts/pictures/results.py keyframes REPORT    docs/studies/keyframes.svg, of scripts/bench/motion.py
+scripts/pictures/results.py over_light    docs/studies/{latency,noise}_over_light.png
+scripts/pictures/results.py fitted R_360_L.hdf5    docs/studies/fitted.webp
 """
 
 import json

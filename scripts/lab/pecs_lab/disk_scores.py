@@ -214,8 +214,8 @@ class Scored:
         self.exposure = exposed(pecs.delays(self.events, disk=self.disk.detected, **size))
 
     def scores(self, events: np.ndarray, disk: Disk | None = None) -> dict:
-        """Of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where it is in
-        `events`, if not where it is in the recording."""
+        """Of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where it is
+        in `events`, if not where it is in the recording."""
         size = {"width": self.width, "height": self.height, "origin": "zero", "split_half": False}
         shared = pecs.compare(self.events, events, **size)
         found = {k: [shared[k], *(shared[f"{k}_interval"] or ())] for k in ("chamfer", "gaussian")}
