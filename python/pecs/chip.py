@@ -31,12 +31,9 @@ _close = function("pecs_chip_close", None, POINTER, error=False)
 def models() -> list[dict[str, Any]]:
     """List the pixel models.
 
-    Returns
-    -------
-    list of dict
-        For each model `name`, `source`, `takes_light` (False: it takes grey values), `tells_causes` (True: the option
-        `labels` works), and `parameters`: a list of `key`, `unit`, `value` (default), `min`, `max`, `meaning`. The
-        parameters of `pecs` are the values of the chip.
+    Each has `name`, `source`, `takes_light` (False: it takes grey values), `tells_causes` (True: the option `labels`
+    works), and `parameters`: a list of `key`, `unit`, `value` (default), `min`, `max`, `meaning`. The parameters of
+    `pecs` are the values of the chip.
     """
     answer: list[dict[str, Any]] = take_json(_models())
     return answer
@@ -45,11 +42,7 @@ def models() -> list[dict[str, Any]]:
 def presets() -> list[dict[str, Any]]:
     """List published settings of other simulators, for the option `preset` of `Sensor`, `simulate` and `sense`.
 
-    Returns
-    -------
-    list of dict
-        For each preset `name`, `description`, `source`, `model`, `set` (values of the chip) and `param` (parameters of
-        the model).
+    Each has `name`, `description`, `source`, `model`, `set` (values of the chip) and `param` (parameters of the model).
     """
     answer: list[dict[str, Any]] = take_json(_presets())
     return answer

@@ -72,25 +72,11 @@ class Carrier(Handle):
         super().__init__(_open(m, len(m), m.shape[2], m.shape[1]))
 
     def labels(self, first: ArrayLike, second: ArrayLike, fraction: float) -> NDArray[np.int32]:
-        """Object ids between two planes of them, warped along the motion. The nearest surface wins; ids are never
-        blended.
+        """Object ids [H, W] at a time within the interval (`fraction`, 0 to 1) between two planes of them, warped along
+        the motion.
 
-        Parameters
-        ----------
-        first, second : array
-            [H, W], whole numbers.
-        fraction : float
-            Time within the interval, 0 to 1.
-
-        Returns
-        -------
-        int32 array
-            [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
-
-        Raises
-        ------
-        ValueError
-            A shape is wrong, or a value is not a whole number.
+        The nearest surface wins; ids are never blended. Where neither plane shows the surface: what both have at the
+        pixel, or 0.
         """
         a, b = _whole(first), _whole(second)
         if a.shape != b.shape or a.ndim != 2:
@@ -171,53 +157,17 @@ class CarriedLight(Handle):
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light at one instant between two keyframes, warped along motion: `CarriedLight.at`.
+    """The light at one instant between two keyframes, warped along motion: `CarriedLight.at`, with the arguments of
+    `Carrier` and `CarriedLight`.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
-
-    Parameters
-    ----------
-    first, second, side
-        As of `CarriedLight`.
-    fraction : float
-        Time within the interval, 0 to 1.
-    motion : array
-        As of `Carrier`.
-
-    Returns
-    -------
-    float32 array
-        In the shape of `first`.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong.
     """
     with Carrier(motion) as carrier:
         return CarriedLight(carrier, first, second, side).at(fraction)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """Object ids at one instant between two planes of them, warped along motion: `Carrier.labels`.
-
-    Parameters
-    ----------
-    first, second, fraction
-        As of `Carrier.labels`.
-    motion : array
-        As of `Carrier`.
-
-    Returns
-    -------
-    int32 array
-        [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong, or a value is not a whole number.
-    """
+    """Object ids at one instant between two planes of them, warped along motion: `Carrier(motion).labels`."""
     with Carrier(motion) as carrier:
         return carrier.labels(first, second, fraction)
 

@@ -104,17 +104,8 @@ class Clock:
 
 @dataclass(frozen=True)
 class State:
-    """A trajectory at n times.
-
-    Attributes
-    ----------
-    position_m, velocity_m_s, acceleration_m_s2 : float64 array
-        [n, 3] in world coordinates [m, m/s, m/s^2].
-    world_from_body : float64 array
-        [n, 3, 3], rotation matrices.
-    angular_velocity_rad_s, angular_acceleration_rad_s2 : float64 array
-        [n, 3] in body coordinates [rad/s, rad/s^2].
-    """
+    """A trajectory at n times: vectors [n, 3], positions in world coordinates and angles in body coordinates, and
+    rotation matrices [n, 3, 3]."""
 
     position_m: Array
     velocity_m_s: Array

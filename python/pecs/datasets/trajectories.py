@@ -80,36 +80,13 @@ class Surfaces:
         self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
 
     def some(self, t_s: float) -> NDArray[np.float64]:
-        """Return about 10,000 samples, regularly thinned, for the test of what is in view.
-
-        Parameters
-        ----------
-        t_s : float
-            Time [s]; the moving samples are those of the last time before it.
-
-        Returns
-        -------
-        float64 array
-            [n, 3] in m.
-        """
+        """Return about 10,000 samples [n, 3] in m at a time, regularly thinned, for the test of what is in view."""
         i = max(int(np.searchsorted(self.times_s, t_s, side="right")) - 1, 0)
         return np.concatenate([self._few[0], self._few[1 + i]])
 
     def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance of each position from the nearest sample.
-
-        Parameters
-        ----------
-        t_s : array
-            [n], times [s].
-        positions_m : array
-            [n, 3], positions at these times [m].
-
-        Returns
-        -------
-        float64 array
-            [n] in m; inf if there are no samples.
-        """
+        """Return the distance [n] in m of each position [n, 3] at its time [n] from the nearest sample; inf without
+        samples."""
         nearest = self._static_tree.query(positions_m)[0] if self._static_tree.n else np.full(len(t_s), np.inf)
         first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
         second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
@@ -466,22 +443,10 @@ assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 
 
 def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
-    """Return the distance that a path must keep from every sample.
+    """Return the distance [m] that a path must keep from every sample.
 
     The surface between samples is then at least `clearance_m` away, too. An eighth of it is added for the camera's
     motion between two checks.
-
-    Parameters
-    ----------
-    clearance_m : float
-        Distance required from the surfaces [m].
-    surfaces : Surfaces or None
-        Surfaces with the spacing of their samples.
-
-    Returns
-    -------
-    float
-        Distance [m].
     """
     return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8
 
@@ -549,22 +514,8 @@ def _way(trajectory: Trajectory, t_s: float) -> float:
 
 
 def instants(trajectory: Trajectory, step_m: float, most: int = 20000) -> NDArray[np.float64]:
-    """Return times between which the trajectory moves by a small step.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    step_m : float
-        Largest distance between neighbouring positions [m].
-    most : int
-        Maximum number of times; longer paths get longer steps. Default 20000.
-
-    Returns
-    -------
-    float64 array
-        Increasing times from 0 to the end [s], at least 65.
-    """
+    """Return times from 0 to the end [s] between which the trajectory moves by at most `step_m`; at least 65, and at
+    most `most` with longer steps."""
     t = np.linspace(0, trajectory.duration_s, 4097)
     steps = np.linalg.norm(np.diff(trajectory.positions(t), axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])

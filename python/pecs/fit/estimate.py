@@ -147,28 +147,11 @@ class Fitted:
     pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write the chip profile, and a pixel map to NAME_pixels.json in the same folder.
-
-        Parameters
-        ----------
-        path : str or path
-            Output file (.json).
-
-        Raises
-        ------
-        PecsOutputError
-            The file cannot be written.
-        """
+        """Write the chip profile (.json), and a pixel map to NAME_pixels.json in the same folder."""
         profile.write(self, Path(path))
 
     def summary(self) -> dict[str, Any]:
-        """All numbers of the fit.
-
-        Returns
-        -------
-        dict
-            For JSON; as `pecs fit --numbers` writes it.
-        """
+        """All numbers of the fit, for JSON; as `pecs fit --numbers` writes it."""
 
         def of(value: Value) -> dict[str, Any]:
             out: dict[str, Any] = {"value": value.value, "fitted": value.fitted, "start": value.start}

@@ -50,15 +50,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Still:
-    """A recording of constant light.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    level : float
-        Light, relative to level 1; 0 with the cap on.
-    """
+    """A recording of constant light. `level`: light relative to level 1; 0 with the cap on."""
 
     file: str | Path
     level: float
@@ -66,41 +58,22 @@ class Still:
 
 @dataclass(frozen=True)
 class Stimulus:
-    """A recording of a screen that plays the page of `pecs stimulus`.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    """
+    """A recording of a screen that plays the page of `pecs stimulus`."""
 
     file: str | Path
 
 
 @dataclass(frozen=True)
 class Flash:
-    """A recording of a bright lamp that switches on and off before the whole sensor.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    """
+    """A recording of a bright lamp that switches on and off before the whole sensor."""
 
     file: str | Path
 
 
 @dataclass(frozen=True)
 class Disk:
-    """A recording of a turning disk of equal black and white sectors, whose rim is in view.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    contrast : float
-        Light of white sectors / light of black ones. Default 12: the printed disk of scenes/rotating_disk.
-    """
+    """A recording of a turning disk of equal black and white sectors, whose rim is in view. `contrast`: light of white
+    sectors / light of black ones (12: the printed disk of scenes/rotating_disk)."""
 
     file: str | Path
     contrast: float = 12.0
