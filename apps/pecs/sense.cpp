@@ -8,7 +8,8 @@
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
-#include "pecs/input/live.h"
+#include "pecs/input/pictures.h"
+#include "pecs/input/screen.h"
 #include "pecs/sensor/sense_options.h"
 #include "pecs/text.h"
 #include "read_arguments.h"
@@ -28,16 +29,14 @@ struct SenseArguments : sensor::SenseOptions {
   bool json = false;
   std::vector<std::string> parameters, bias_texts;
   std::string readout = "chip", bands = "all";
-  std::optional<std::string> colour_space, live_source;
+  std::optional<std::string> colour_space;
   bool view = false;
-  input::LiveOptions live;
+  input::Screen screen;
   std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
-  const CLI::Option *seconds = nullptr, *shown = nullptr;          // valid only with --view
+  const CLI::Option* shown = nullptr;                              // valid only with --view
   const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
 };
-
-bool is_camera(const SenseArguments& o) { return o.live_source && *o.live_source != "video"; }
 
 void add_frames(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
@@ -118,21 +117,9 @@ void add_window(CLI::App* sub, SenseArguments* o) {
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 
-void add_live(CLI::App* sub, SenseArguments* o) {
-  sub->add_option("--source", o->live_source, "with --view: video (default), or camera[:N] instead of a file")
-      ->check(CLI::Validator(
-          [](std::string& text) {
-            const bool number = text.starts_with("camera:") && text.size() > 7 && text.size() < 11 &&
-                                text.find_first_not_of("0123456789", 7) == std::string::npos;
-            return number || text == "camera" || text == "video" ? "" : "wanted camera, camera:N or video";
-          },
-          "camera[:N]|video"));
-  sub->add_flag("--view", o->view,
-                "live simulation of a video or camera, with events on screen or, without a display, in OUTPUT.mp4");
-  o->seconds = sub->add_option("--run-time", o->live.seconds, "duration of a live run")
-                   ->transform(quantity("s"))
-                   ->check(positive());
-  o->shown = sub->add_option("--window", o->live.picture_us, "duration of the events in one picture")
+void add_view(CLI::App* sub, SenseArguments* o) {
+  sub->add_flag("--view", o->view, "show the events as they come, on screen or, without a display, in OUTPUT.mp4");
+  o->shown = sub->add_option("--window", o->screen.picture_us, "duration of the events in one picture")
                  ->transform(quantity("us"))
                  ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
                  ->capture_default_str();
@@ -151,28 +138,15 @@ void resolve(SenseArguments& o, const Console& console) {
   for (const std::string& text : o.bias_texts)
     for (const auto& [name, offset] : sensor::biases_from(text)) o.biases[name] = offset;
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
-  const bool camera = is_camera(o);
-  if (o.live_source && !o.view)
-    throw Error(ExitCode::usage, fmt::format("--source {}: valid only with --view", *o.live_source));
-  for (const CLI::Option* live : {o.seconds, o.shown})
-    if (live->count() && !o.view)
-      throw Error(ExitCode::usage, fmt::format("{}: valid only with --view", live->get_name()));
-  if (camera != o.stack.empty())
-    throw Error(ExitCode::usage, camera ? fmt::format("{}: an input file and --source {} exclude each other",
-                                                      o.stack.string(), *o.live_source)
-                                        : "the input is missing; give a stack, pictures or a video");
+  if (o.shown->count() && !o.view) throw Error(ExitCode::usage, "--window: valid only with --view");
 }
 
 sensor::SenseReport run(SenseArguments& o) {
   const input::PictureOptions pictures{o.times, o.colour_space, o.ocio_config};
-  if (!o.view) {
-    o.source = input::open_frames(o.stack, pictures);
-    return sensor::sense(o);
-  }
-  if (is_camera(o)) o.live.camera = o.live_source->size() > 7 ? std::stoi(o.live_source->substr(7)) : 0;
-  o.live.file = o.stack;
-  o.live.video = o.output.string() + ".mp4";
-  return input::sense_live(o.live, o, pictures);
+  o.source = input::open_frames(o.stack, pictures);
+  if (!o.view) return sensor::sense(o);
+  o.screen.video = o.output.string() + ".mp4";
+  return input::sense_on_screen(o.screen, o);
 }
 
 void print(const SenseArguments& o, const sensor::SenseReport& report, const Console& console) {
@@ -207,27 +181,25 @@ void add_sense(CLI::App& app, Console& console) {
   const auto o = std::make_shared<SenseArguments>();
   CLI::App* sub =
       app.add_subcommand("sense", "simulate events from frames: an EXR stack, EXR files, pictures or video");
-  sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, or video; none for a camera");
+  sub->add_option("STACK", o->stack, "EXR stack, folder of EXR files or pictures, or video")->required();
   add_output(*sub, "-o,--output", o->output, "event file; its extension selects the format")->required();
   sub->add_option("--format", o->format, "format of the output, whatever its extension");
   add_pixels(sub, o.get());
   add_stages(*sub, o->stages, o->dropped);
   add_frames(sub, o.get());
   add_window(sub, o.get());
-  add_live(sub, o.get());
+  add_view(sub, o.get());
   sub->add_flag("--json", o->json, "machine-readable output");
-  add_examples(*sub, {"pecs sense out/stack -o events.raw",
-                      "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
-                      "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
-                      "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
-                      "pecs sense video.mp4 -o events.h5 --preset v2e_noisy",
-                      "pecs sense --source camera --view -o events.raw --run-time 10s"});
+  add_examples(*sub,
+               {"pecs sense out/stack -o events.raw",
+                "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
+                "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
+                "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);
     const sensor::SenseReport report = run(*o);
-    std::vector<std::filesystem::path> inputs;
-    if (!is_camera(*o)) inputs.push_back(o->stack);
-    console.record(o->output, {"sense", report.config, inputs, report.results});
+    console.record(o->output, {"sense", report.config, {o->stack}, report.results});
     print(*o, report, console);
   });
 }

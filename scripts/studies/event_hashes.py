@@ -88,10 +88,8 @@ def cases():
     for model in MODELS:
         yield f"pictures {model}", ["pictures", "--fps", "4000", "--model", model]
         yield f"video {model}", ["video.avi", "--model", model]
-        yield f"live {model}", ["video.avi", "--source", "video", "--view", "--model", model]
         if not MODELS[model]["takes_light"]:
             yield f"white {model}", ["film", "--model", model, "--white", "3e-13"]
-    yield "live noisy", ["video.avi", "--source", "video", "--view", "--fps", "700", *noisy]
 
 
 def digest(*parts: bytes) -> str:

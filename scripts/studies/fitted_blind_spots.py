@@ -16,7 +16,7 @@ import numpy as np
 from pecs_lab import fitted
 from pecs_lab.disk import Disk
 from pecs_lab.disk_scores import MEASURES, between, on_grid, region, seen
-from pecs_lab.report import cell, table
+from pecs_lab.report import cell, table, write_results
 
 HERE = Path(__file__).parent
 
@@ -99,7 +99,7 @@ def main() -> None:
     stage = halves.stage(fitted.SCORE_COARSER, halves.second)
     for name, found in of_simulation(stage, values).items():
         report[name] = scored.scores(halves.of_second(found))
-    args.output.write_text(json.dumps(report, indent=1) + "\n")
+    write_results(args.output, report)
     print(*tables(report), sep="\n\n")
 
 

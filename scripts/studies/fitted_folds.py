@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from pecs_lab import fitted
 from pecs_lab.disk_scores import REGIONS, SECTORS, Part, deviance, on_grid
-from pecs_lab.report import cell, table
+from pecs_lab.report import cell, table, write_results
 
 FIT_COARSER = 9
 MODELS = ("pecs", "v2e", "icns")
@@ -69,7 +69,7 @@ def main() -> None:
     halves = fitted.Halves(args.recording)
     for name, (seen, left) in folds(halves).items():
         report[name] = row_of(halves, seen, left, args.evaluations, report.get(name, {}))
-        args.output.write_text(json.dumps(report, indent=1) + "\n")
+        write_results(args.output, report)
     print(*tables(report), sep="\n\n")
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pecs
 from pecs_lab import fitted, over_light
-from pecs_lab.report import table
+from pecs_lab.report import table, write_results
 
 HERE = Path(__file__).parent
 TRIED_FA = np.geomspace(1, 1000, 13)
@@ -71,7 +71,7 @@ def main() -> None:
     with ProcessPoolExecutor(2) as pool:
         found = [pool.submit(of_model, n.split()[0], row["values"]) for n, row in rows.items()]
         report = {name: of.result() for name, of in zip(rows, found, strict=True)}
-    args.output.write_text(json.dumps(report, indent=1) + "\n")
+    write_results(args.output, report)
     print(*tables(report), sep="\n\n")
 
 

@@ -29,7 +29,7 @@ from pathlib import Path
 from pecs_lab import computed_disk, fitted
 from pecs_lab.disk_scores import MEASURES
 from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, fit
-from pecs_lab.report import cell, table, with_interval
+from pecs_lab.report import cell, table, with_interval, write_results
 
 SHIPPED = "pecs as shipped"
 KEPT_BRIGHTNESS = (0.1, 1e5)  # of another recording, in each model's unit
@@ -101,12 +101,12 @@ def main() -> None:
     with ProcessPoolExecutor(2) as pool:
         fits = {n: pool.submit(fit, n, rows[n], *what) for n in sorted(rows, key=SLOWEST.index) if n not in known}
         report["models"] |= {name: known[name] if name in known else fits[name].result() for name in rows}
-    args.output.write_text(json.dumps(report, indent=1) + "\n")
+    write_results(args.output, report)
     stage = halves.stage(SCORE_COARSER, halves.second)
     for name in rows:
         row = report["models"][name]
         row["second_half"] = scored.scores(halves.of_second(stage.events(name.split()[0], row["values"], 2)))
-    args.output.write_text(json.dumps(report, indent=1) + "\n")
+    write_results(args.output, report)
     print(*tables(report), sep="\n\n")
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from pecs_lab import computed_disk, fitted
 from pecs_lab.disk_scores import MEASURES
-from pecs_lab.report import cell, table, with_interval
+from pecs_lab.report import cell, table, with_interval, write_results
 from pecs_lab.search import search
 
 HERE = Path(__file__).parent
@@ -97,10 +97,10 @@ def main() -> None:
             report["models"][peer] = search(loss, ranges, args.evaluations, start) | {
                 "objective_same_values": loss(start)
             }
-            args.output.write_text(json.dumps(report, indent=1) + "\n")
+            write_results(args.output, report)
         row = report["models"][peer]
         row["second_half"] = scored.scores(halves.of_second(simulate(peer, checkout, second, row["values"], 2)))
-        args.output.write_text(json.dumps(report, indent=1) + "\n")
+        write_results(args.output, report)
     print(*tables(report), sep="\n\n")
 
 

@@ -81,33 +81,6 @@ INSTANTIATE_TEST_SUITE_P(All, EveryModel, testing::ValuesIn(model_names()),
 
 }  // namespace
 
-// A model in memory that counts its calls.
-struct CountingModel : PixelModel {
-  explicit CountingModel(bool whole) : whole_region(whole) {}
-  void advance(const FrameBatch&, PixelRange range, EventSlots&) override {
-    ++calls;
-    pixels += range.size();
-  }
-  bool prefers_whole_region() const override { return whole_region; }
-  bool whole_region;
-  std::atomic<std::uint32_t> calls = 0, pixels = 0;
-};
-
-TEST(PixelArray, AModelThatPrefersWholeRegionsGetsOneCallPerBatch) {
-  for (const bool whole : {false, true}) {
-    auto counting = std::make_unique<CountingModel>(whole);
-    const CountingModel& model = *counting;
-    PixelArray array(std::move(counting));
-    EventSorter sorter(256);
-    const std::vector<float> plane(256 * 256, 1.0f);
-    const FrameBatch batch{0, {plane.data()}, {0.0}, false};
-    sorter.begin(batch.t_us);
-    array.advance(batch, {1000, 60000}, sorter);
-    EXPECT_EQ(model.pixels, 59000u);
-    EXPECT_EQ(model.calls == 1, whole) << model.calls;
-  }
-}
-
 TEST(Esim, CrossesWhereTheLogarithmRunsStraight) {
   const Clip clip = make_clip(1, 1, 2, 1000, [](int, int, double t) { return t > 0 ? 1.0 : 0.1; });
   const auto events = run({"esim", {}, 0}, load_chip("ideal"), clip);

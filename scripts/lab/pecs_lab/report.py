@@ -1,7 +1,16 @@
-"""Tables of results, as Markdown."""
+"""Results as JSON, and tables of them as Markdown."""
 
+import json
 import math
+import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+def write_results(path: Path, report: dict) -> None:
+    """JSON with one value a line; a list of numbers is one value."""
+    text = json.dumps(report, indent=1)
+    path.write_text(re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text) + "\n")
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:

@@ -1,6 +1,5 @@
 #include <cstdlib>
 #include <memory>
-#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -37,11 +36,6 @@ VideoFrames open_video(const std::string& path) {
   return frames_of(std::make_shared<cv::VideoCapture>(path, cv::CAP_FFMPEG));
 }
 
-VideoFrames open_camera(int number) {
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  return frames_of(std::make_shared<cv::VideoCapture>(number));
-}
-
 std::function<void(const cv::Mat&)> video_writer(const std::string& path, const std::string& codec, double fps,
                                                  int width, int height) {
   const int fourcc = cv::VideoWriter::fourcc(codec.at(0), codec.at(1), codec.at(2), codec.at(3));
@@ -61,6 +55,6 @@ int show(const char* window, const cv::Mat& picture, int wait_ms) {
 }  // namespace
 }  // namespace pecs::input
 
-extern "C" __attribute__((visibility("default"))) const pecs::input::Media pecs_media{
-    pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video, pecs::input::open_camera,
-    pecs::input::video_writer, pecs::input::open_window, pecs::input::show};
+extern "C" __attribute__((visibility("default")))
+const pecs::input::Media pecs_media{pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video,
+                                    pecs::input::video_writer, pecs::input::open_window, pecs::input::show};

@@ -17,6 +17,17 @@
 namespace pecs::input {
 namespace {
 
+// Whether a frame's own time, since the first frame, is that of the nominal rate.
+bool is_nominal(double own_ms, std::int64_t frame, double fps) {
+  constexpr double kRounding_ms = 1;  // time bases are as coarse as this
+  return fps > 0 && std::abs(own_ms - static_cast<double>(frame) * 1e3 / fps) <= kRounding_ms;
+}
+
+void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
+  if (std::abs(video.pixel_aspect - 1) > 1e-3)
+    throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", video.pixel_aspect), "1 (square pixels: resample it)");
+}
+
 namespace fs = std::filesystem;
 
 const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
@@ -161,16 +172,6 @@ void reject_other_files(const fs::path& path) {
 }
 
 }  // namespace
-
-bool is_nominal(double own_ms, std::int64_t frame, double fps) {
-  constexpr double kRounding_ms = 1;  // time bases are as coarse as this
-  return fps > 0 && std::abs(own_ms - static_cast<double>(frame) * 1e3 / fps) <= kRounding_ms;
-}
-
-void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
-  if (std::abs(video.pixel_aspect - 1) > 1e-3)
-    throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", video.pixel_aspect), "1 (square pixels: resample it)");
-}
 
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
   if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);

@@ -37,22 +37,6 @@ class Prefetch {
   tbb::task_group group_;
 };
 
-// Frames of a live source as they come; an empty batch ends it.
-void feed_live(const Timeline& timeline, PhotocurrentReader& light, Region region, const LightSink& sink) {
-  Plane plane(static_cast<std::size_t>(light.info().width) * static_cast<std::size_t>(light.info().height));
-  int beyond = 0;  // frames after the window, whose last interval needs two of them
-  for (std::int64_t step = 0;; ++step) {
-    const std::optional<double> t_us = timeline.source().next_us();
-    if (t_us && *t_us >= static_cast<double>(timeline.to_us())) ++beyond;
-    if (!t_us || beyond > 2) {
-      sink({{}, {}, step, true});
-      return;
-    }
-    light.read(step, region.begin, region.end, plane.data());
-    if (!sink({{plane.data()}, {*t_us}, step + 1, false})) return;
-  }
-}
-
 // Planes of the first loop, interval by interval.
 struct HeldLoop {
   struct Interval {
@@ -80,9 +64,8 @@ struct HeldLoop {
 }  // namespace
 
 void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region region, const LightSink& sink) {
-  if (!timeline.steps()) return feed_live(timeline, light, region, sink);
   constexpr std::int64_t kMostOfLoop = 1024;  // steps of a batch
-  const std::int64_t steps = *timeline.steps(), frames = timeline.source().frames();
+  const std::int64_t steps = timeline.steps(), frames = timeline.source().frames();
   const auto width = static_cast<std::size_t>(light.info().width);
   const std::size_t pixels = width * static_cast<std::size_t>(region.end - region.begin);
   const std::size_t plane_bytes = pixels * sizeof(float);
@@ -127,7 +110,7 @@ void feed_frames(const Timeline& timeline, PhotocurrentReader& light, Region reg
 void feed_moving(const Timeline& timeline, PhotocurrentReader& light, PhotocurrentReader* again, const LightSink& sink,
                  std::size_t loop_bytes) {
   const StackInfo& info = light.info();
-  const std::int64_t steps = *timeline.steps(), frames = timeline.source().frames();
+  const std::int64_t steps = timeline.steps(), frames = timeline.source().frames();
   const std::size_t pixels = static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height);
   const auto t_us = [&](std::int64_t step, double fraction) {
     const double start = timeline.t_us(step);

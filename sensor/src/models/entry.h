@@ -10,7 +10,6 @@ struct ModelSetup {
   std::uint64_t seed;
   double per_unit;  // of a plane's value 1: photocurrent [fA], or grey value from 0 to 255
   bool causes;
-  Device device;
   std::map<std::string, double> parameters;
   bool random_phase = false;
   std::uint64_t noise_seed = seed;

@@ -69,7 +69,7 @@ std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& ch
   }
   const double grey_per_unit = 255 * unit_fa / (choice.white_fa > 0 ? choice.white_fa : unit_fa);
   return model.make({chip, width, height, seed, model.traits.takes_light ? unit_fa : grey_per_unit, causes,
-                     choice.device, resolved(choice), choice.random_phase, choice.noise_seed.value_or(seed)});
+                     resolved(choice), choice.random_phase, choice.noise_seed.value_or(seed)});
 }
 
 Json model_to_json(const ModelChoice& choice) {

@@ -19,8 +19,7 @@ constexpr std::size_t kTilesPerThread = 16, kPartsPerThread = 4;
 // work(tile, events) for the tiles of a region in parallel; consecutive tiles share a part of the sorter. `whole`: the
 // region is one tile.
 template <class Work>
-void for_tiles(PixelRange region, bool whole, EventSorter& sorter, const Work& work) {
-  if (whole) return work(region, sorter.part(0));
+void for_tiles(PixelRange region, EventSorter& sorter, const Work& work) {
   constexpr std::uint32_t kBlock = PixelModel::kBlock;
   const auto threads = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
   const auto wanted = static_cast<std::uint32_t>(region.size() / (kTilesPerThread * threads));
@@ -81,15 +80,13 @@ PixelArray::PixelArray(const ModelChoice& choice, const Chip& chip, int width, i
       independent_(model_traits(choice.name).pixels_are_independent) {}
 
 void PixelArray::advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter) {
-  const bool whole = model_->prefers_whole_region();
   const auto advance = [&](const FrameBatch& frames) {
-    for_tiles(region, whole, sorter,
-              [&](PixelRange tile, EventSlots& events) { model_->advance(frames, tile, events); });
+    for_tiles(region, sorter, [&](PixelRange tile, EventSlots& events) { model_->advance(frames, tile, events); });
   };
   if (independent_) return advance(batch);
   for (std::size_t i = 0; i < batch.planes.size(); ++i) {
     const FrameBatch frame = frame_of(batch, i);
-    for_tiles(region, whole, sorter, [&](PixelRange tile, EventSlots&) { model_->survey(frame, tile); });
+    for_tiles(region, sorter, [&](PixelRange tile, EventSlots&) { model_->survey(frame, tile); });
     advance(frame);
   }
 }

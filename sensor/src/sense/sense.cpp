@@ -27,11 +27,8 @@ constexpr double kWarmupStep_us = 500;    // between planes of the warm-up
 class ProgressReporter {
  public:
   ProgressReporter(const SenseOptions& options, std::int64_t steps)
-      : options_(options),
-        total_(static_cast<std::uint64_t>(steps)),
-        progress_("sense", total_, options.quiet || total_ == 0) {}
+      : options_(options), total_(static_cast<std::uint64_t>(steps)), progress_("sense", total_, options.quiet) {}
   void at(std::int64_t step) {
-    if (total_ == 0) return;  // live
     progress_.at(static_cast<std::uint64_t>(step));
     if (options_.progress && !options_.progress(static_cast<double>(step) / static_cast<double>(total_)))
       throw Error(ExitCode::interrupted, "sense: stopped");
@@ -66,10 +63,10 @@ std::shared_ptr<FrameSource> checked_source(const SenseOptions& options, const C
       options.source ? options.source : std::make_shared<StackReader>(options.stack, options.times);
   const StackInfo& info = source->info();
   const std::string name = source->name();
-  if (!source->is_live() && source->frames() < std::ssize(info.times_ns))
+  if (source->frames() < std::ssize(info.times_ns))
     throw bad_input(name, "frames", fmt::format("{} so far", source->frames()),
                     fmt::format("the {} of times_ns", info.times_ns.size()));
-  if (!source->is_live() && source->frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
+  if (source->frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
   check_fits(chip, info.width, info.height, name);
   reject_unused(options, *source);
   model_to_json(options.model);  // throws for an unknown model or parameter
@@ -249,7 +246,7 @@ SenseReport SenseRun::run() {
 
 void SenseRun::run_streaming() {
   const Region all{0, source_->info().height};
-  ProgressReporter progress(options_, timeline_.steps().value_or(0));
+  ProgressReporter progress(options_, timeline_.steps());
   FrameClock clock;
   LabelledEvents events;
   const auto advance = [&](const LightBatch& light) {
@@ -344,7 +341,7 @@ bool SenseRun::warm_up(const LightBatch& first, const LightBatch& second,
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait
 // for those of the others.
 void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
-  const std::int64_t steps = *timeline_.steps();
+  const std::int64_t steps = timeline_.steps();
   ProgressReporter progress(options_, steps * std::ssize(bands));
   sorter_.begin_window(timeline_.from_us(), timeline_.to_us());
   for (std::size_t k = 0; k < bands.size(); ++k) {

@@ -12,9 +12,9 @@
 namespace pecs::sensor {
 Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) {
   const StackInfo& info = source.info();
-  if (window.warmup_us > 0 && (source.is_live() || info.period_ns))
+  if (window.warmup_us > 0 && info.period_ns)
     throw bad_input(source.name(), "--warmup", fmt::format("{} us", window.warmup_us),
-                    source.is_live() ? "recorded light" : "--warmup-loops for a periodic stack");
+                    "--warmup-loops for a periodic stack");
   warmup_us_ = window.warmup_us;
   from_us_ = window.start_us + warmup_us_;
   to_us_ = std::numeric_limits<std::int64_t>::max();
@@ -34,10 +34,8 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
     return;
   }
   if (window.duration_us) to_us_ = from_us_ + std::min(*window.duration_us, to_us_ - from_us_);
-  if (source.is_live()) return;
-  steps_ = 0;
-  while (*steps_ < source.frames() && t_us(*steps_) < static_cast<double>(to_us_)) ++*steps_;
-  steps_ = std::min(source.frames(), *steps_ + 2);
+  while (steps_ < source.frames() && t_us(steps_) < static_cast<double>(to_us_)) ++steps_;
+  steps_ = std::min(source.frames(), steps_ + 2);
   const double end_us = t_us(source.frames() - 1);
   if (static_cast<double>(from_us_) > end_us)
     throw bad_input(source.name(), "--start", fmt::format("{} us", window.start_us),

@@ -14,7 +14,7 @@ HARMLESS = {
     ("sense", "--no-motion"), ("sense", "--render-noise"), ("sense", "--bands"),  # one band, no motion, no noise
     ("sense", "--afk"), ("convert", "--afk"),  # nothing flickers
     ("sense", "--readout"),  # no two pixels wait for each other
-    ("sense", "--run-time"), ("sense", "--source"), ("sense", "--window"),  # tests/python/sensor/test_inputs.py
+    ("sense", "--window"),  # tests/python/sensor/test_inputs.py
 }  # fmt: skip
 FORMATS = {"e.raw": "evt3", "e.txt": "v2e", "bare.txt": "v2e", "e.npz": "npz", "bare.npz": "npz", "e.csv": "csv"}
 EVENTS = [*FORMATS]

@@ -46,20 +46,16 @@ REFUSED = {
     "photocurrent": (["--photocurrent", "1pA"], "relative light"),
     "fnumber": (["--fnumber", "4"], "radiance"),
     "no-motion": (["--no-motion"], "no layer motion"),
-    "run-time": (["--run-time", "3s"], "--view"),
     "window": (["--window", "3us"], "--view"),
-    "source": (["--source", "video"], "--view"),
-    "view": (["--view"], "video"),
     "dropped": (["--dropped", "x.npy"], "no stage drops events"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = {"render-noise", "help", "output", "format", "labels", "threads", "json", "quiet", "verbose"}
+ELSEWHERE = {"render-noise", "help", "output", "format", "labels", "threads", "json", "quiet", "verbose", "view"}
 
 
 def test_every_option_is_in_one_of_the_tables(pecs_program):
     options = set(re.findall(r"--([a-z][a-z-]+)", pecs_program("sense", "--help").stdout))
-    mentioned = {"source", "view"}  # also in other options' texts
-    assert options | mentioned == set(HEARD) | set(REFUSED) | ELSEWHERE
+    assert options == set(HEARD) | set(REFUSED) | ELSEWHERE
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +146,7 @@ def test_live_is_the_file_for_every_model(model, tmp_path, pecs_program):
     video.release()
     white = [] if model == "pecs" else ["--white", "1e-12"]
     args = ["--model", model, *white, "--start", "2000", "--bands", "mc:2", "--quiet"]
-    for name, live in (("file", []), ("live", ["--view", "--source", "video"])):
+    for name, live in (("file", []), ("live", ["--view"])):
         done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / f"{name}.npz", *args, *live)
         assert done.returncode == 0, done.stderr
     events = pecs.read(tmp_path / "live.npz")

@@ -46,9 +46,6 @@ class PixelModel {
   // Called for all pixels before advance(), frame by frame, if the model's pixels are not independent; its batches have
   // one frame.
   virtual void survey(const FrameBatch&, PixelRange) {}
-  // True if a call takes a whole region, from one thread, instead of tiles from many: for a device that works on all
-  // pixels at once.
-  virtual bool prefers_whole_region() const { return false; }
   static constexpr std::uint32_t kBlock = 1024;
 };
 
@@ -68,14 +65,10 @@ struct ModelTraits {
   bool pixels_are_independent = true;  // of each other, so that a region may be simulated on its own
 };
 
-// Where a model runs. To add a device: docs/howto/add_pixel_model.md.
-enum class Device { cpu };
-
 struct ModelChoice {
   std::string name = "pecs";
   std::map<std::string, double> parameters = {};  // of the model, by key; defaults for those left out
   double white_fa = 0;                            // photocurrent [fA] of the grey value 255; 0: of a plane's value 1
-  Device device = Device::cpu;
   // Pixels of `pecs` begin at random distances from their thresholds, as pixels that have been on, instead of at rest.
   bool random_phase = false;
   // Seed of the temporal noise, for another recording by the same pixels; by default the common seed.

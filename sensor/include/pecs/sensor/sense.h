@@ -46,7 +46,7 @@ struct SenseOptions {
   bool quiet = false;
   // Called with the events that are written, their times from the window's start. False ends the output there.
   std::function<bool(std::span<const events::Event>)> watch;
-  // Called with the completed share of the work, 0 to 1 (not for a live source). False: sense() throws interrupted.
+  // Called with the completed share of the work, 0 to 1. False: sense() throws interrupted.
   std::function<bool(double)> progress;
 };
 

@@ -36,7 +36,6 @@ class PixelArray {
  public:
   PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa,
              bool causes);
-  explicit PixelArray(std::unique_ptr<PixelModel> model) : model_(std::move(model)), independent_(true) {}
   // For the pixels of a region: each region gets all batches, from the first.
   void advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter);
   bool pixels_are_independent() const { return independent_; }

@@ -85,12 +85,6 @@ class FrameSource {
   // rows with subpixels, of a frame and of a picture within an interval.
   virtual void read_noise(std::int64_t, const RowSink&) const {}
   virtual void read_between_noise(std::int64_t, std::size_t, const RowSink&) const {}
-
-  // A live source (a camera, a video as it plays) holds only its newest frame, and its end is unknown. next_us() waits
-  // for a frame, which read_rows then reads, and returns its time [us], or nothing at the end. The first frame can be
-  // read before the first call.
-  virtual bool is_live() const { return false; }
-  virtual std::optional<double> next_us() { return {}; }
 };
 
 // Times of frames that have none: by frame rate, or from a text file with one time per line ('#' starts a comment), in

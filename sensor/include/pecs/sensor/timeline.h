@@ -1,6 +1,6 @@
 #pragma once
 // The order and times of frames, as far as the output's window needs them: a source's frames once, those of a periodic
-// stack in loops, or those of a live source as they come.
+// stack in loops.
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -32,8 +32,8 @@ class Timeline {
   // Whether events before the window are those of a warm-up, which the readout does not take.
   bool warms_up() const { return loops() || warmup_us_ > 0; }
   std::int64_t warmup_us() const { return warmup_us_; }
-  // Frames in the order of time: how many are needed (unknown for a live source), which one, when.
-  std::optional<std::int64_t> steps() const { return steps_; }
+  // Frames in the order of time: how many are needed, which one, when.
+  std::int64_t steps() const { return steps_; }
   std::int64_t frame(std::int64_t step) const { return step % source_.frames(); }
   double t_us(std::int64_t step) const;
   // The output's window on the same clock.
@@ -50,7 +50,7 @@ class Timeline {
  private:
   FrameSource& source_;
   double period_us_ = 0;  // of a loop
-  std::optional<std::int64_t> steps_;
+  std::int64_t steps_ = 0;
   std::int64_t from_us_ = 0, to_us_ = 0, warmup_us_ = 0;
   std::vector<std::string> warnings_;
 };

@@ -24,7 +24,6 @@ struct Media {
   cv::Mat (*read_picture)(const std::string& path, int imread_flags);  // empty where OpenCV cannot read it
   std::vector<std::uint8_t> (*png_of)(const cv::Mat& picture);
   VideoFrames (*open_video)(const std::string& path);
-  VideoFrames (*open_camera)(int number);
   // Appends frames; its end closes the file. codec: FOURCC; empty where no such encoder opens.
   std::function<void(const cv::Mat&)> (*video_writer)(const std::string& path, const std::string& codec, double fps,
                                                       int width, int height);

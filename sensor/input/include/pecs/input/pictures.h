@@ -4,7 +4,6 @@
 // pictures are one band; colour is three, at 465, 550 and 610 nm. 1 is white.
 #include <memory>
 
-#include "pecs/input/media.h"
 #include "pecs/sensor/source.h"
 
 namespace pecs::input {
@@ -17,11 +16,6 @@ struct PictureOptions {
 
 // A folder of pictures, or a video file. Throws not_found, bad_input, and usage for a wrong colour space.
 std::unique_ptr<sensor::FrameSource> open_pictures(const std::filesystem::path& path, const PictureOptions& options);
-
-// Whether a frame's own time, since the first frame, is that of the nominal rate.
-bool is_nominal(double own_ms, std::int64_t frame, double fps);
-// Throws bad_input for pixels that are not square.
-void check_pixel_aspect(const VideoFrames& video, const std::string& name);
 
 // Opens an EXR stack, a folder of EXR files, a folder of pictures, or a video, by content.
 std::unique_ptr<sensor::FrameSource> open_frames(const std::filesystem::path& path, const PictureOptions& options);
