@@ -69,7 +69,7 @@ class Errors:
     step: float = 0.0
 
     def bias(self, count: int, rate_hz: float, turn_on: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw the biases [count, 3] in u of consecutive samples. `turn_on` is a factor; 0 after a calibration at rest."""
+        """Draw the biases [count, 3] in u of consecutive samples. turn_on: a factor, 0 after calibration at rest."""
         from scipy.signal import lfilter
 
         constant = turn_on * self.turn_on * rng.uniform(-1, 1, 3)

@@ -128,7 +128,7 @@ class Camera:
         return values
 
     def rectify_map(self) -> NDArray[np.float32]:
-        """The place of each pixel in the undistorted (stereo: rectified) image: [H, W, 2], x and y [pixels] of K_rect."""
+        """Places of the pixels in the undistorted (stereo: rectified) image: [H, W, 2], x and y [pixels] of K_rect."""
         path = self.folder / "rectify_map.npy"
         return read_array(path, "the rectification map", "<f4", (self.height, self.width, 2))
 
@@ -236,7 +236,7 @@ class Camera:
 
 
 class Sequence:
-    """A sequence of a data set: a folder with sequence.json. `info` is its content, `cameras` are by name in its order."""
+    """A sequence of a data set: a folder with sequence.json, whose content is `info`; `cameras` are by name."""
 
     def __init__(self, folder: str | PathLike[str]):
         self.folder = Path(folder)
