@@ -138,24 +138,10 @@ class Chip(Handle):
         fps: float | None = None,
         **scale: Unpack[ScaleOptions],
     ) -> NDArray[np.float32]:
-        """Photocurrent of a stack's frames, without dark current.
+        """Photocurrent [A] of a stack's frames (default: all) without dark current: [height, width] of one frame,
+        [frames, height, width] of several. Negative light gives 0; light that is not finite gives NaN.
 
-        Parameters
-        ----------
-        stack : str, path or StackReader
-            The stack.
-        frames : int or sequence of int, optional
-            Numbers of frames. Default: all.
-        fps : float, optional
-            Frame rate [Hz] of a folder without stack.json.
-        fnumber, gain, photocurrent_a : float, optional
-            As of `amperes_per_unit`.
-
-        Returns
-        -------
-        float32 array
-            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that is
-            not finite gives NaN.
+        fps: frame rate [Hz] of a folder without stack.json. fnumber, gain and photocurrent_a as of `amperes_per_unit`.
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:

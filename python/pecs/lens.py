@@ -82,37 +82,23 @@ class _Setting(TypedDict, total=False):
 
 
 class PupilOptions(_Setting, total=False):
-    """Options of `Lens.pupil`. lambda_nm: 587.56. Film: 6.2208 x 3.4992 mm."""
-
     lambda_nm: float
     film_width_mm: float
     film_height_mm: float
 
 
 class InfoOptions(PupilOptions, total=False):
-    """Options of `Lens.info`. bands_nm: wavelengths of the colour columns. field_rows: points from centre to corner."""
-
     bands_nm: Sequence[float]
     field_rows: int
 
 
 class DrawOptions(_Setting, total=False):
-    """Options of `Lens.draw`. bands_nm: wavelengths of the rays."""
-
     film_width_mm: float
     film_height_mm: float
     bands_nm: Sequence[float]
 
 
 class CameraOptions(_Setting, total=False):
-    """Options of `Lens.camera`.
-
-    focus_bands_nm: all bands of the stack, for one focus. film_shift: of the film's centre (+x right, +y up, seen from
-    behind). colour_tolerance_px: largest shift of colour at which the bands share their rays. band_shares: of the
-    bands in the signal of a sensor that adds them up; share_spreads: how much their running sums vary with the scene's
-    colours. unit_m: metres per unit of the scene (1).
-    """
-
     focus_bands_nm: Sequence[float] | None
     film_width_mm: float | None
     film_height_mm: float | None
@@ -128,9 +114,6 @@ class CameraOptions(_Setting, total=False):
 
 
 class ImageOptions(_Setting, total=False):
-    """Options of `Lens.directions` and `Lens.pixels`. width, height [pixels] are required; pixel_pitch_mm: 0.00486;
-    lambda_nm: 550; film_shift_mm, film_tilt_deg: (x, y) as of `CameraOptions`."""
-
     width: Required[int]
     height: Required[int]
     pixel_pitch_mm: float

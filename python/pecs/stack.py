@@ -83,23 +83,10 @@ class StackWriter(Handle):
 
 
 class StackReader(Handle):
-    """Read a stack, or a folder of spectral EXR files.
+    """Read a stack, or a folder of spectral EXR files with a frame rate `fps` [Hz].
 
-    Parameters
-    ----------
-    folder : str or path
-        Folder of the stack.
-    fps : float, optional
-        Frame rate [Hz] of a folder without stack.json.
-
-    Attributes
-    ----------
-    info : dict
-        Size, bands, times [ns], and the number of frames on disk.
-    layers : list of dict
-        `name`, `channels`, `unit` and `at` ("instant" or "interval") of each layer, the light first.
-    shape : (int, int, int)
-        Bands, height, width.
+    `info`: size, bands, times [ns], and the number of frames on disk. `layers`: `name`, `channels`, `unit` and `at`
+    ("instant" or "interval") of each layer, the light first. `shape`: bands, height, width.
     """
 
     _free = staticmethod(_reader_close)

@@ -40,25 +40,10 @@ GAUSS_MARKOV_PEAK = 0.437 * math.sqrt(2)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a gyroscope or an accelerometer with three equal axes; the unit u is rad/s or m/s^2.
-
-    Parameters
-    ----------
-    noise : float
-        One-sided density of the white noise [u/sqrt(Hz)]. Default 0.
-    bias_floor : float
-        Floor of the Allan deviation [u]. Default 0.
-    bias_time_s : float
-        Correlation time of the bias instability [s]. Default 1.
-    bias_walk : float
-        Random walk of the bias [u/sqrt(s)]. Default 0.
-    turn_on : float
-        Largest turn-on bias [u]. Default 0.
-    range : float
-        Largest value that can be read [u]. Default inf.
-    step : float
-        Step of the converter [u]. Default 0: exact.
-    """
+    """Errors of a gyroscope or an accelerometer with three equal axes; the unit u is rad/s or m/s^2. noise: one-sided
+    density [u/sqrt(Hz)]; bias_floor: of the Allan deviation [u]; bias_time_s: correlation time of the bias instability;
+    bias_walk: random walk [u/sqrt(s)]; turn_on: largest turn-on bias [u]; range: largest value [u]; step: of the
+    converter [u], 0: exact."""
 
     noise: float = 0.0
     bias_floor: float = 0.0
@@ -90,23 +75,8 @@ class Errors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU: its rate, its errors and its pose in the rig. `Imu.of_part` makes one from a data sheet.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Sampling rate [Hz].
-    gyro : Errors
-        Errors of the gyroscope [rad/s]. Default: none.
-    accel : Errors
-        Errors of the accelerometer [m/s^2]. Default: none.
-    rig_from_imu : array
-        [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
-    turn_on : float
-        Factor of the turn-on bias. Default 0: calibrated at rest.
-    part : str
-        Name of the part, for records. Default "ideal".
-    """
+    """An IMU: its rate, its errors and its pose [4, 4] in the rig (m). `Imu.of_part` makes one from a data sheet.
+    turn_on: factor of the turn-on bias, 0 is calibrated at rest."""
 
     rate_hz: float
     gyro: Errors = Errors()
@@ -125,32 +95,10 @@ class Imu:
         accel_range_g: float | None = None,
         turn_on: float = 0.0,
     ) -> Imu:
-        """Make an IMU from the data sheet of a part.
+        """Make an IMU from the data sheet of a part that `parts` lists; "ideal" has no errors.
 
-        Parameters
-        ----------
-        name : str
-            A name that `parts` lists. "ideal" has no errors.
-        rate_hz : float, optional
-            Sampling rate [Hz], 1 to 1e6. Default: that of the part; 1000 for "ideal".
-        rig_from_imu : array, optional
-            [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
-        gyro_range_dps : float, optional
-            Range of the gyroscope [deg/s], one of the part's. Default: the widest.
-        accel_range_g : float, optional
-            Range of the accelerometer [g], one of the part's. Default: the widest.
-        turn_on : float
-            Factor of the turn-on bias, 0 to 10. Default 0: calibrated at rest.
-
-        Returns
-        -------
-        Imu
-            The IMU.
-
-        Raises
-        ------
-        PecsInputError
-            The part, a range, the rate or the matrix is wrong.
+        Rate [Hz] and ranges are the part's by default, the widest of them; rig_from_imu is its pose [4, 4] in the rig,
+        in m; turn_on a factor of the turn-on bias, 0 to 10 (0: calibrated at rest).
         """
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
         if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):

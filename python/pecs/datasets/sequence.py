@@ -164,28 +164,14 @@ class Camera:
     def tracks(
         self, points_px: ArrayLike, at_us: float, times_us: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow surface points through the sequence.
+        """Follow surface points [n, 2] (x and y [pixels], the first pixel's centre at 0) from a time through others.
 
             positions, seen = camera.tracks([[120.5, 80]], 0, np.arange(0, 100_001, 1000))
 
-        Points follow the poses of their objects and of the camera. Poses of objects are interpolated between instants
-        of the truth; a point is visible there if it is at the instants before and after.
-
-        Parameters
-        ----------
-        points_px : array
-            [n, 2], x and y [pixels]; the first pixel's centre is at 0.
-        at_us : float
-            Time [us] of `points_px`.
-        times_us : array
-            [m], times [us] within the truth.
-
-        Returns
-        -------
-        (float64 array, bool array)
-            Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
-            objects that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes
-            to the pixel.
+        Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
+        objects that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes to
+        the pixel. Points follow the poses of their objects and of the camera. Poses of objects are interpolated between
+        instants of the truth; a point is visible there if it is at the instants before and after.
         """
         return follow(self, points_px, at_us, times_us)
 

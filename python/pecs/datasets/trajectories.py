@@ -45,25 +45,10 @@ CAR_SHAKE = ((0.8, 2.0, 6, 0.3, 8.0), (9.0, 13.0, 6, 0.01, 0.3))
 
 
 class Surfaces:
-    """Samples of a scene's surfaces, in world coordinates.
+    """Samples of a scene's surfaces, in world coordinates [m]. Between two times, the moving samples of both count.
 
-    Between two times, the moving samples of both count.
-
-    Parameters
-    ----------
-    times_s : array
-        [m], increasing times of `points` [s].
-    points : sequence of array
-        m arrays [n, 3] of the moving surfaces at these times [m]; n may differ.
-    static : array, optional
-        [n, 3], samples of the surfaces that do not move [m]. Default: none.
-    spacing_m : float
-        Largest distance from a point of a surface to the nearest sample [m]. Default 0.
-
-    Raises
-    ------
-    PecsInputError
-        The times do not increase, or their number is not that of the arrays.
+    `points` are arrays [n, 3] of the moving surfaces at increasing times, `static` [n, 3] of the others; spacing_m is
+    the largest distance from a point of a surface to the nearest sample.
     """
 
     def __init__(
@@ -106,29 +91,12 @@ class _Rejected(Exception):
 
 
 def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rng: np.random.Generator) -> Trajectory:
-    """Draw a trajectory that always keeps `clearance_m` from all surfaces and has some of them in view.
+    """Draw a trajectory that always keeps `clearance_m` from all surfaces and has some of them in view (None: no test).
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    parameters : dict
-        Parameters of the kind, with units and defaults in docs/reference/trajectories.md. `duration_s` is required.
-    surfaces : Surfaces or None
-        Surfaces of the scene. None: no test of distance and view.
-    rng : numpy.random.Generator
-        The same generator, parameters and surfaces give the same bits.
-
-    Returns
-    -------
-    Trajectory
-        Its `drawn` contains all values that were drawn.
-
-    Raises
-    ------
-    PecsInputError
-        A parameter is unknown or out of its range, a waypoint cannot be reached, or none of `tries` paths met a
-        condition, which the message names.
+    docs/reference/trajectories.md lists the parameters of each of `KINDS`; `duration_s` is required. The same
+    generator, parameters and surfaces give the same bits; `drawn` of the trajectory contains all values that were
+    drawn. Raises PecsInputError if a parameter is wrong, a waypoint cannot be reached, or none of `tries` paths met a
+    condition, which the message names.
     """
     if kind not in PARAMETERS:
         raise PecsInputError(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
