@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
-from .._poses import interpolate, pose_matrix, read_euroc_imu, read_tum
+from .._poses import interpolate, pose_matrix, position_quaternion, read_euroc_imu, read_tum
 from ..events import Events, read
 from ..sensor import LABELS
 from .event_file import EventFile
@@ -143,7 +143,8 @@ class Camera:
 
     def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
         """Poses world_from_camera [n, 4, 4] at any times [us], interpolated on the shortest rotation."""
-        return interpolate(times_us, *self.poses())
+        times, matrices = self.poses()
+        return interpolate(times_us, times, *position_quaternion(matrices))
 
     def scene_flow(self, i: int) -> NDArray[np.float64]:
         """Motion of the surface points at the pixels' centres from instant i of `truth.times_us` to the next.

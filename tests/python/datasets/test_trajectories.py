@@ -362,19 +362,21 @@ def test_rotations_and_interpolation():
     turns = Rotation.random(200, random_state=1)
     special = Rotation.from_quat([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0.6, 0.8, 0, 0]])
     turns = Rotation.concatenate([turns, special])
-    q = poses.quaternion_from_matrix(turns.as_matrix())
+    times, at = np.arange(len(turns)) * 0.1, np.linspace(0, (len(turns) - 1) * 0.1, 777)
+    matrices = np.tile(np.eye(4), (len(turns), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = turns.as_matrix(), np.outer(times, [1, 2, 3])
+    positions, q = poses.position_quaternion(matrices)
     assert np.abs((q * turns.as_quat()).sum(axis=1) ** 2 - 1).max() < 1e-12 and q[:, 3].min() >= 0
     assert np.abs(poses.matrix_from_quaternion(q) - turns.as_matrix()).max() < 1e-12
-    times, at = np.arange(len(q)) * 0.1, np.linspace(0, (len(q) - 1) * 0.1, 777)
-    matrices = poses.pose_matrix(np.outer(times, [1, 2, 3]), q)
-    found = poses.interpolate(at, times, matrices)
+    assert np.abs(poses.pose_matrix(positions, q) - matrices).max() < 1e-12
+    found = poses.interpolate(at, times, positions, q)
     near = Rotation.from_matrix(found[:, :3, :3]) * Slerp(times, turns)(at).inv()
     assert near.magnitude()[at < 19.9].max() < 1e-9  # further on come half turns: either way is right
     assert np.abs(found[:, :3, 3] - np.outer(at, [1, 2, 3])).max() < 1e-12
     near_pair = poses.slerp([0, 0, 0, 1], [1e-12, 0, 0, 1], 0.5)
     assert np.abs(near_pair - [5e-13, 0, 0, 1]).max() < 1e-15
     with pytest.raises(ValueError, match="wanted times within"):
-        poses.interpolate([-0.1], times, matrices)
+        poses.interpolate([-0.1], times, positions, q)
 
 
 def test_a_path_that_is_too_fast_is_drawn_again():
