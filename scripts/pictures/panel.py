@@ -114,7 +114,6 @@ def steps():
     yield from live()
     yield from to_events()
     yield from look_and_compare()
-    gone()
 
 
 def to_a_set_up_camera():
@@ -210,19 +209,6 @@ def look_and_compare():
     assert not np.array_equal(before, shown.pixels[:])  # it follows the timeline
     yield REDRAWN_S
     picture("6_compare")
-
-
-def gone() -> None:
-    """Switched off and on a hundred times, the extension leaves nothing."""
-    press("show_events")  # which hides them
-    lists = [h for h in (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)) if isinstance(h, list)]
-    handlers = lambda: sum(map(len, lists))  # noqa: E731
-    with_us = handlers()
-    for _ in range(100):
-        bpy.ops.preferences.addon_disable(module=MODULE)
-        assert not hasattr(bpy.types.Scene, "pecs") and handlers() < with_us
-        bpy.ops.preferences.addon_enable(module=MODULE)
-        assert handlers() == with_us
 
 
 def scroll(steps: int) -> None:

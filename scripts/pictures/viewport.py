@@ -4,7 +4,9 @@ animation), docs/reference/field_of_view.png (a lens's field and its plane in fo
 blender --factory-startup --python scripts/pictures/viewport.py -- FOLDER  (the extension installed, ImageMagick, X)
 
 Every frame is waited for, then the screen's picture taken, so it needs no fast computer; the video plays at the
-scene's speed. It ends Blender.
+scene's speed. It ends Blender. The video, from the pictures in FOLDER:
+
+ffmpeg -framerate 24 -i FOLDER/live_%04d.png -vf scale=trunc(iw*.4)*2:-2 -crf 26 -preset veryslow live_view.mp4
 """
 
 import math
@@ -20,7 +22,6 @@ from screen import area, grab, over, window
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 FRAMES, FIRST, PICTURE = 60, 4, 30
-SMALLER = 0.8  # the video, than the screen
 TEXT_PX = 72  # at the viewport's bottom: the live view's rates, which are not those of a computer with a GPU
 
 
@@ -105,36 +106,9 @@ def next_frame() -> float | None:
                 take_picture(f"live_{len(seen) - FIRST:04d}.png")
         return 0.001
     live_view.end(view)
-    encode()
+    (FOLDER / "live_view.png").write_bytes((FOLDER / f"live_{PICTURE:04d}.png").read_bytes())
     bpy.ops.wm.quit_blender()
     return None
-
-
-def encode() -> None:
-    """The pictures as H.264, by Blender's own FFmpeg; one of them as the page's picture."""
-    pictures = sorted(FOLDER.glob("live_0*.png"))
-    scene = bpy.data.scenes.new("video")
-    render = scene.render
-    size = bpy.data.images.load(str(pictures[0])).size
-    render.resolution_x, render.resolution_y = (int(SMALLER * n) // 2 * 2 for n in size)
-    render.resolution_percentage = 100
-    editor = scene.sequence_editor_create()
-    strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # the name until Blender 5.0
-    strip = strips.new_image("live", str(pictures[0]), 1, 1, fit_method="FIT")
-    for picture in pictures[1:]:
-        strip.elements.append(picture.name)
-    scene.frame_end = strip.frame_final_duration = len(pictures)
-    scene.view_settings.view_transform = "Standard"
-    if hasattr(render.image_settings, "media_type"):  # from Blender 5.0 on
-        render.image_settings.media_type = "VIDEO"
-    render.image_settings.file_format = "FFMPEG"
-    render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
-    render.ffmpeg.constant_rate_factor, render.ffmpeg.ffmpeg_preset = "LOW", "BEST"
-    render.use_file_extension, render.filepath = False, str(FOLDER / "live_view.mp4")
-    bpy.ops.render.render(animation=True, scene=scene.name)
-    (FOLDER / "live_view.png").write_bytes(pictures[PICTURE].read_bytes())
-    for picture in pictures:
-        picture.unlink()
 
 
 FOLDER.mkdir(parents=True, exist_ok=True)

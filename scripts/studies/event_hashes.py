@@ -9,7 +9,6 @@ Python's `pecs` is the one that PYTHONPATH names; the program is --program. A ca
 exit code instead.
 """
 
-import argparse
 import hashlib
 import itertools
 import json
@@ -21,6 +20,8 @@ import cv2
 import numpy as np
 import pecs
 from pecs.motion import CHANNELS
+from pecs_lab.measure import command
+from pecs_lab.scenes import stack_of
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
@@ -40,11 +41,9 @@ def light(t: float) -> np.ndarray:
 def write_stacks(folder: Path) -> None:
     bands = pecs.bands("imx636", 3)
     for name, quantity, scale in (("film", "irradiance", 2e-4), ("scene", "radiance", 0.02)):
-        stack = {
-            "pecs_stack": 1, "quantity": quantity, "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 4.86e-6,
-            "bands": bands, "times_ns": [i * PERIOD_US * 1000 // FRAMES for i in range(FRAMES)],
-            "period_ns": PERIOD_US * 1000, "lens": None, "scene": {}, "render": {}, "versions": {},
-        }  # fmt: skip
+        times_ns = [i * PERIOD_US * 1000 // FRAMES for i in range(FRAMES)]
+        more = {"quantity": quantity, "bands": bands, "period_ns": PERIOD_US * 1000}
+        stack = stack_of(WIDTH, HEIGHT, times_ns, **more)
         with pecs.StackWriter(folder / name, stack) as writer:
             for i in range(FRAMES):
                 writer.write_frame(i, light(i / FRAMES) * np.float32(scale))
@@ -154,12 +153,8 @@ def warmed_up(program: Path, folder: Path) -> dict[str, str]:
     for name, width, height, frames in (
         ("frames", WIDTH, HEIGHT, 20), ("motion", WIDTH, HEIGHT, 20), ("large", 2100, 2100, 3),
     ):  # fmt: skip
-        stack = {
-            "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
-            "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * 1_000_000 for i in range(frames)],
-            "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {},
-            "layers": [layer] if name == "motion" else [],
-        }  # fmt: skip
+        layers = [layer] if name == "motion" else []
+        stack = stack_of(width, height, [i * 1_000_000 for i in range(frames)], layers=layers)
         with pecs.StackWriter(folder / f"rising_{name}", stack) as writer:
             for i in range(frames):
                 if name == "motion" and i + 1 < frames:
@@ -175,20 +170,16 @@ def warmed_up(program: Path, folder: Path) -> dict[str, str]:
     return table
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bin/pecs")
-    args = parser.parse_args()
-    program = args.program.resolve()
+def main(*, output: Path, program: Path = ROOT / "build/release/bin/pecs") -> None:
+    program = program.resolve()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         write_stacks(folder)
         table = sensed(program, folder) | written(program, folder) | pushed() | warmed_up(program, folder)
-    args.output.write_text(json.dumps(table, indent=1) + "\n")
+    output.write_text(json.dumps(table, indent=1) + "\n")
     refused = sum(value.startswith("exit") for value in table.values())
     print(f"{len(table)} cases, {refused} refused, all: {digest(json.dumps(table).encode())}")
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

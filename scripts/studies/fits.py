@@ -33,6 +33,7 @@ from pecs_lab.disk import Disk
 from pecs_lab.disk_scores import MEASURES, REGIONS, SECTORS, Part, deviance, on_grid, region, seen
 from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, Stage, fit
 from pecs_lab.measure import command
+from pecs_lab.peers import options_of
 from pecs_lab.report import cell, table, with_interval, write
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -256,27 +257,14 @@ def folds(rows: dict, recording: str, only: list[str], evaluations: int, **_: ob
 # The programs instead of their models.
 
 
-def program_options(peer: str, values: dict, seed: int) -> tuple[dict, float]:
-    """Of peers/run_peer.py; and the recording's mean white in a frame. A program takes one deviation for both
-    thresholds: the mismatch times their mean."""
-    on, off = values["contrast_threshold_on"], values["contrast_threshold_off"]
-    sigma, chip = values["threshold_mismatch"] * (on + off) / 2, computed_disk.profile(fitted.CHIP)
-    noise = chip["background_on_hz"], chip["background_off_hz"]
-    if peer == "v2e":
-        kept = {k: values[k] for k in ("cutoff_hz", "refractory_period_s", "linear_below")}
-        found = {"pos_thres": on, "neg_thres": off, "sigma_thres": sigma, "leak_rate_hz": 0, "seed": seed}
-        return found | {"shot_noise_rate_hz": sum(noise)} | kept, values["white_grey"]
-    found = {"th_pos": on, "th_neg": off, "th_noise": sigma, "bgnp": noise[0], "bgnn": noise[1]}
-    found |= {"lat": values["latency_us"], "jit": values["jitter_us"], "ref": values["refractory_period_s"] * 1e6}
-    return found | {"tau": values["tau_us"], "seed": seed, "white_lux": 255.0}, values["white_lux"]
-
-
 def run_program(peer: str, checkout: str, stage: Stage, seed: int, values: dict) -> np.ndarray:
     sys.path.append(str(RESULTS.parent / "peers"))
     import run_peer
 
-    options, scale = program_options(peer, values, seed)
-    _, rows = getattr(run_peer, peer)(checkout, stage.frames(values, scale), stage.t_us + stage.warmup_us, options)
+    chip = {k: v for k, v in computed_disk.profile(fitted.CHIP).items() if k.startswith("background")}
+    options, scale = options_of(peer, values | chip | {"white_lux": 255.0}, seed), values.get("white_grey")
+    frames = stage.frames(values, scale or values["white_lux"])  # of the recording's mean white
+    _, rows = getattr(run_peer, peer)(checkout, frames, stage.t_us + stage.warmup_us, options)
     events = np.empty(len(rows), pecs.EVENT_DTYPE)
     for k, key in enumerate("txyp"):
         events[key] = np.round(rows[:, k])

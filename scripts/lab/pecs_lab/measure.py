@@ -36,7 +36,9 @@ def command(work: Callable[..., object]) -> None:
                 how["nargs"] = "*" if several else "?"
             elif several:
                 how["nargs"] = "+"
-        parser.add_argument(f"--{name.replace('_', '-')}" if one.kind is one.KEYWORD_ONLY else name, **how)
+        option = [f"--{name.replace('_', '-')}", *(["-o"] if name == "output" else [])]
+        how |= {"required": True} if one.kind is one.KEYWORD_ONLY and one.default is one.empty else {}
+        parser.add_argument(*(option if one.kind is one.KEYWORD_ONLY else [name]), **how)
     load = [round(os.getloadavg()[0], 1)]
     found = work(**vars(parser.parse_args()))
     if found is not None:

@@ -68,16 +68,20 @@ def frames(name: str, count: int, fps: float = 1000.0) -> tuple[np.ndarray, np.n
     return np.stack([light(t * 1e-6).astype(np.float32) for t in t_us]), t_us
 
 
+def stack_of(width: int, height: int, times_ns: list[int], **more: object) -> dict:
+    """What stack.json has, without a renderer."""
+    return {
+        "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
+        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns, "period_ns": None, "lens": None,
+        "scene": {}, "render": {}, "versions": {}, **more,
+    }  # fmt: skip
+
+
 def write_stack(folder: Path, light: np.ndarray, step_us: int, periodic: bool = False) -> Path:
     """A stack of one band from irradiances [count, height, width]."""
     count, height, width = light.shape
-    times_ns = [1000 * step_us * i for i in range(count)]
-    stack = {
-        "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns,
-        "period_ns": 1000 * step_us * count if periodic else None, "lens": None, "scene": {}, "render": {},
-        "versions": {},
-    }  # fmt: skip
+    period_ns = 1000 * step_us * count if periodic else None
+    stack = stack_of(width, height, [1000 * step_us * i for i in range(count)], period_ns=period_ns)
     with pecs.StackWriter(folder, stack) as writer:
         for i, frame in enumerate(light):
             writer.write_frame(i, frame[None].astype(np.float32))

@@ -2,130 +2,86 @@
 brackets: the peer against itself with another seed.
 
     python scripts/studies/peers/compare.py --esim rpg_vid2e --v2e v2e --icns IEBCS --voltmeter DVS-Voltmeter
-        [--peer-python PYTHON] [--scene disk] [--frames 100] [--json FILE]
+        [--peer-python PYTHON] [--scene disk] [--frames 100]
 
 Each PATH is a checkout of github.com/uzh-rpg/rpg_vid2e, SensorsINI/v2e, neuromorphicsystems/IEBCS,
 Lynn0306/DVS-Voltmeter; what is not given is left out. --peer-python has their needs (torch, easydict, opencv, …);
 esim is compiled here (g++, OpenCV, Eigen, Boost).
 """
 
-import argparse
 import json
-import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pecs
 from numpy.lib.recfunctions import unstructured_to_structured
 from pecs_lab import scenes
-from pecs_lab.measure import by_pixel
-from pecs_lab.peers import build_esim, run_esim
+from pecs_lab.measure import answer, by_pixel, command
+from pecs_lab.peers import build_esim, options_of, run_esim
 from pecs_lab.report import table
 
 HERE = Path(__file__).resolve().parent
 EVENTS = np.dtype([("t", "<f8"), ("x", "<i8"), ("y", "<i8"), ("p", "<i8")])
 
 
-@dataclass
-class Case:
-    peer: str
-    name: str
-    deterministic: bool
-    model: dict  # for pecs.simulate
-    options: dict = field(default_factory=dict)  # for the peer
-
-
 def chip(on: float = 0.2, off: float = 0.2, **more: float) -> dict:
     return {"contrast_threshold_on": on, "contrast_threshold_off": off, **more}
 
 
-V2E = {"pos_thres": 0.2, "neg_thres": 0.2, "sigma_thres": 0, "leak_rate_hz": 0, "cutoff_hz": 0}
-ICNS = {"lat": 100, "jit": 0, "ref": 100, "tau": 40, "th_pos": 0.2, "th_neg": 0.2, "th_noise": 0}
-ICNS |= {"bgnp": 1e-9, "bgnn": 1e-9, "white_lux": 1e4}
-ICNS_PARAMETERS = {"latency_us": 100, "jitter_us": 0, "tau_us": 40, "white_lux": 1e4}
-REFRACTORY = 100e-6
-K346 = [0.00018 * 29250, 20, 0.0001, 1e-7, 5e-9, 0.00001]
-
-CASES = [
-    Case("esim", "thresholds .2", True, {"overrides": chip()}, {"refractory_s": 0}),
-    Case(
-        "esim", "refractory 1 ms", True, {"overrides": chip(0.25, 0.3, refractory_period_s=1e-3)},
-        {"on": 0.25, "off": 0.3, "refractory_s": 1e-3},
-    ),
-    Case("v2e", "ideal", True, {"overrides": chip()}, V2E),
-    Case(
-        "v2e", "refractory .7 ms", True, {"overrides": chip(refractory_period_s=7e-4)},
-        V2E | {"refractory_period_s": 7e-4},
-    ),
-    Case("v2e", "200 Hz", True, {"overrides": chip(), "parameters": {"cutoff_hz": 200}}, V2E | {"cutoff_hz": 200}),
-    Case(
-        "v2e", "noisy", False,
-        {
-            "overrides": chip(threshold_mismatch=0.15, leak_rate_hz=2, background_on_hz=5, background_off_hz=5),
-            "parameters": {"cutoff_hz": 200},
-        },
-        V2E | {"sigma_thres": 0.03, "leak_rate_hz": 2, "shot_noise_rate_hz": 10, "cutoff_hz": 200},
-    ),
-    Case(
-        "icns", "ideal", True, {"overrides": chip(refractory_period_s=REFRACTORY), "parameters": ICNS_PARAMETERS}, ICNS,
-    ),
-    Case(
-        "icns", "noisy", False,
-        {
-            "overrides": chip(
-                refractory_period_s=REFRACTORY, threshold_mismatch=0.1, background_on_hz=2, background_off_hz=1
-            ),
-            "parameters": ICNS_PARAMETERS | {"jitter_us": 30},
-        },
-        ICNS | {"jit": 30, "th_noise": 0.02, "bgnp": 2, "bgnn": 1},
-    ),
-    Case("voltmeter", "DAVIS346", False, {}, {"k": K346}),
-    Case(
-        "voltmeter", "more noise", False, {"parameters": {"k3": 1e-3, "k4": 1e-6, "k6": 1e-4}},
-        {"k": [K346[0], 20, 1e-3, 1e-6, 5e-9, 1e-4]},
-    ),
-]  # fmt: skip
+ICNS = {"latency_us": 100, "jitter_us": 0, "tau_us": 40, "white_lux": 1e4}
+K346 = {"k1": 0.00018 * 29250, "k2": 20, "k3": 0.0001, "k4": 1e-7, "k5": 5e-9, "k6": 0.00001}
+V2E_NOISE = {"threshold_mismatch": 0.15, "leak_rate_hz": 2, "background_on_hz": 5, "background_off_hz": 5}
+ICNS_NOISE = {"threshold_mismatch": 0.1, "background_on_hz": 2, "background_off_hz": 1}
+CASES = [  # program, setting, whether it is random, overrides, parameters
+    ("esim", "thresholds 0.2", False, chip(), {}),
+    ("esim", "refractory 1 ms", False, chip(0.25, 0.3, refractory_period_s=1e-3), {}),
+    ("v2e", "ideal", False, chip(), {"cutoff_hz": 0}),
+    ("v2e", "refractory 0.7 ms", False, chip(refractory_period_s=7e-4), {"cutoff_hz": 0}),
+    ("v2e", "200 Hz", False, chip(), {"cutoff_hz": 200}),
+    ("v2e", "noisy", True, chip(**V2E_NOISE), {"cutoff_hz": 200}),
+    ("icns", "ideal", False, chip(refractory_period_s=1e-4), ICNS),
+    ("icns", "noisy", True, chip(refractory_period_s=1e-4, **ICNS_NOISE), ICNS | {"jitter_us": 30}),
+    ("voltmeter", "DAVIS346", True, {}, K346),
+    ("voltmeter", "more noise", True, {}, K346 | {"k3": 1e-3, "k4": 1e-6, "k6": 1e-4}),
+]
 
 
-class Peers:
-    def __init__(self, args: argparse.Namespace, folder: Path, frames: np.ndarray, t_us: np.ndarray):
-        self.args, self.folder, self.frames, self.t_us = args, folder, frames, t_us
-        np.save(folder / "frames.npy", frames)
-        np.save(folder / "t_us.npy", t_us)
+@dataclass
+class Program:
+    """One of them, on frames."""
 
-    def run(self, case: Case, seed: int = 1) -> tuple[np.ndarray, float]:
+    peer: str
+    checkout: Path
+    python: str
+    folder: Path
+    frames: np.ndarray
+    t_us: np.ndarray
+
+    def run(self, values: dict, seed: int = 1) -> tuple[np.ndarray, float]:
         """Events, times in whole us as ours are (v2e's single-precision seconds scatter about them); seconds."""
-        rows, seconds = (self.esim if case.peer == "esim" else self.other)(case, seed)
+        rows, seconds = self.esim(values) if self.peer == "esim" else self.other(values, seed)
         events = unstructured_to_structured(rows, EVENTS)
         events["t"] = np.round(events["t"])
         return events, seconds
 
-    def other(self, case: Case, seed: int) -> tuple[np.ndarray, float]:
-        checkout = getattr(self.args, case.peer)
-        files = [str(self.folder / n) for n in ("frames.npy", "t_us.npy", "out.npy")]
-        command = [
-            self.args.peer_python,
-            HERE / "run_peer.py",
-            case.peer,
-            checkout,
-            *files,
-            json.dumps(case.options | {"seed": seed}),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder)
-        if done.returncode:
-            raise SystemExit(f"{case.peer}: {done.stderr.strip()[-2000:]}")
-        return np.load(files[2]), float(done.stdout.split()[-1])
+    def other(self, values: dict, seed: int) -> tuple[np.ndarray, float]:
+        frames, t_us, out = (self.folder / f"{name}.npy" for name in ("frames", "t_us", "out"))
+        np.save(frames, self.frames)
+        np.save(t_us, self.t_us)
+        options = json.dumps(options_of(self.peer, values, seed))
+        said = answer(self.python, HERE / "run_peer.py", self.peer, self.checkout, frames, t_us, out, options)
+        return np.load(out), float(said.split()[-1])
 
-    def esim(self, case: Case, _seed: int) -> tuple[np.ndarray, float]:
-        driver, options = self.folder / "esim_driver", case.options
+    def esim(self, values: dict) -> tuple[np.ndarray, float]:
+        driver = self.folder / "esim_driver"
         if not driver.exists():
-            build_esim(Path(self.args.esim), driver)
-        thresholds = options.get("on", 0.2), options.get("off", 0.2)
+            build_esim(self.checkout, driver)
+        thresholds = values["contrast_threshold_on"], values["contrast_threshold_off"]
         frames, step_s = self.frames.astype(np.float32) / np.float32(255), (self.t_us[1] - self.t_us[0]) * 1e-6
-        return run_esim(driver, frames, step_s, thresholds, options["refractory_s"], 0.001)
+        return run_esim(driver, frames, step_s, thresholds, values.get("refractory_period_s", 0), 0.001)
 
 
 def matched(ours: np.ndarray, theirs: np.ndarray, width: int, tolerance_us: float) -> float:
@@ -177,55 +133,45 @@ def cells(row: dict) -> list[str]:
     return [*counts, f"{row['on_ratio']:.4f}", f"{row['off_ratio']:.4f}", same, *overlaps]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for peer in ("esim", "v2e", "icns", "voltmeter"):
-        parser.add_argument(f"--{peer}", metavar="PATH")
-    parser.add_argument("--peer-python", default=sys.executable)
-    parser.add_argument("--scene", choices=scenes.SCENES, default="disk")
-    parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--json", type=Path)
-    args = parser.parse_args()
-
-    light, t_us = scenes.frames(args.scene, args.frames)
-    frames = np.clip(np.round(light * 235), 1, 255).astype(np.uint8)
+def row_of(case: tuple, program: Program) -> dict:
+    peer, setting, random, overrides, parameters = case
+    theirs, seconds = program.run(overrides | parameters)
+    frames, t_us = program.frames, program.t_us
+    given = {"overrides": overrides, "parameters": parameters}
+    ours = pecs.simulate(frames, t_us, chip="ideal", model=peer, encoding="linear", **given)
     width = frames.shape[2]
-    rows = []
+
+    def beside(events: np.ndarray) -> dict:
+        return {
+            "events_ratio": len(events) / len(theirs),
+            "interval_overlap": interval_overlap(events, theirs, width),
+            "phase_overlap": phase_overlap(events, theirs, t_us[1]),
+        }
+
+    row = {"model": peer, "setting": setting, "peer_events": len(theirs), "peer_seconds": seconds} | beside(ours)
+    row["on_ratio"] = float((ours["p"] > 0).sum() / (theirs["p"] > 0).sum())
+    row["off_ratio"] = float((ours["p"] == 0).sum() / (theirs["p"] == 0).sum())
+    if random:
+        return row | {"peer_again": beside(program.run(overrides | parameters, seed=2)[0])}
+    later = t_us[1] if peer == "esim" else 0  # esim's first interval is wrong (docs/reference/models.md)
+    return row | {"matched_1us": matched(ours[ours["t"] > later], theirs[theirs["t"] > later], width, 1.01)}
+
+
+def main(
+    *, esim: Path | None = None, v2e: Path | None = None, icns: Path | None = None, voltmeter: Path | None = None,
+    peer_python: str = sys.executable, scene: str = "disk", frames: int = 100,
+) -> None:  # fmt: skip
+    light, t_us = scenes.frames(scene, frames)
+    pictures = np.clip(np.round(light * 235), 1, 255).astype(np.uint8)
+    checkouts, rows = {"esim": esim, "v2e": v2e, "icns": icns, "voltmeter": voltmeter}, []
     with tempfile.TemporaryDirectory() as folder:
-        peers = Peers(args, Path(folder), frames, t_us)
         for case in CASES:
-            if not getattr(args, case.peer):
-                continue
-            theirs, seconds = peers.run(case)
-            ours = pecs.simulate(frames, t_us, chip="ideal", model=case.peer, encoding="linear", **case.model)
-            later = t_us[1] if case.peer == "esim" else 0  # esim's first interval is wrong (docs/reference/models.md)
-            row = {
-                "model": case.peer,
-                "setting": case.name,
-                "peer_events": len(theirs),
-                "events_ratio": len(ours) / len(theirs),
-                "on_ratio": float((ours["p"] > 0).sum() / (theirs["p"] > 0).sum()),
-                "off_ratio": float((ours["p"] == 0).sum() / (theirs["p"] == 0).sum()),
-                "interval_overlap": interval_overlap(ours, theirs, width),
-                "phase_overlap": phase_overlap(ours, theirs, t_us[1]),
-                "peer_seconds": seconds,
-            }
-            if not case.deterministic:
-                again, _ = peers.run(case, seed=2)
-                row["peer_again"] = {
-                    "events_ratio": len(again) / len(theirs),
-                    "interval_overlap": interval_overlap(again, theirs, width),
-                    "phase_overlap": phase_overlap(again, theirs, t_us[1]),
-                }
-            else:
-                a, b = ours[ours["t"] > later], theirs[theirs["t"] > later]
-                row["matched_1us"] = matched(a, b, width, 1.01)
-            rows.append(row)
-            print(json.dumps(row), file=sys.stderr)
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1) + "\n")
+            if checkout := checkouts[case[0]]:
+                program = Program(case[0], checkout, peer_python, Path(folder), pictures, t_us)
+                rows.append(row_of(case, program))
+                print(json.dumps(rows[-1]), file=sys.stderr)
     print(table(HEAD, map(cells, rows)))
 
 
 if __name__ == "__main__":
-    main()
+    command(main)
