@@ -24,17 +24,10 @@ class ExitCode(IntEnum):
 
 
 class PecsError(RuntimeError):
-    """An error of one line.
+    """An error of one line, with one of the program's exit codes in `code` (docs/reference/exit_codes.md).
 
     Its kinds are also Python's own: `PecsNotFoundError` is a FileNotFoundError, `PecsInputError` a ValueError,
     `PecsOutputError` an OSError.
-
-    Parameters
-    ----------
-    message : str
-        The line.
-    code : int, optional
-        One of the program's exit codes (docs/reference/exit_codes.md). Default: that of the kind.
     """
 
     code: int = ExitCode.INTERNAL

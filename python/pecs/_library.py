@@ -69,13 +69,7 @@ def _load_blender_tbb() -> None:
 
 
 def version() -> str:
-    """The version of the library.
-
-    Returns
-    -------
-    str
-        Such as "0.1.0".
-    """
+    """The version of the library, such as "0.1.0"."""
     text: bytes = _library().pecs_version()
     return text.decode()
 
@@ -141,18 +135,7 @@ def options_bytes(options: Any) -> bytes:
 
 
 def data_dir(room: str) -> Path:
-    """The folder of the data files that ship with PECS.
-
-    Parameters
-    ----------
-    room : str
-        Such as "lens_data/spectra".
-
-    Returns
-    -------
-    Path
-        The folder.
-    """
+    """The folder of data files that ship with PECS; `room` is such as "lens_data/spectra"."""
     return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(room.encode())))
 
 

@@ -12,25 +12,25 @@ from .chip import Chip, chip_options, numbers_by_name
 
 
 class PixelOptions(TypedDict, total=False):
-    overrides: Mapping[str, float] | None  # values of the chip, by the keys and units of `Chip.info`
-    biases: Mapping[str, float] | None  # offsets to the factory settings: {"diff_on": 35}
-    bias_file: str | PathLike[str] | None  # a Metavision .bias file or camera settings (.json)
-    preset: str | PathLike[str] | None  # one of `pecs.presets()`: model, parameters and overrides at once
-    model: str  # one of `pecs.models()`; default "pecs"
-    parameters: Mapping[str, float] | None  # of the model
-    noise: bool  # photon noise, leak, background events and mismatch; default True
-    seed: int  # default 1
-    readout: str  # "chip" (row arbiter, rate limit, time base; default) or "ideal"
-    roi: Sequence[Sequence[int]] | None  # windows x, y, width, height: pixels outside all of them are off
-    mask: str | PathLike[str] | None  # file of pixels whose events are dropped
-    afk_hz: Sequence[float] | None  # anti-flicker: low, high of a band whose flicker is dropped; or afk_pass_hz: kept
+    overrides: Mapping[str, float] | None
+    biases: Mapping[str, float] | None
+    bias_file: str | PathLike[str] | None
+    preset: str | PathLike[str] | None
+    model: str
+    parameters: Mapping[str, float] | None
+    noise: bool
+    seed: int
+    readout: str
+    roi: Sequence[Sequence[int]] | None
+    mask: str | PathLike[str] | None
+    afk_hz: Sequence[float] | None
     afk_pass_hz: Sequence[float] | None
-    afk_counts: Sequence[int] | None  # periods counted before a block flickers, and left while it does; default (6, 4)
-    trail_us: int | None  # keep the first event of a burst; or stc_us: the second; or stc_keep_us: all but the first
+    afk_counts: Sequence[int] | None
+    trail_us: int | None
     stc_us: int | None
     stc_keep_us: int | None
-    erc_hz: float | None  # event rate control: most events per second
-    threads: int  # default 0: all; the events are the same with any number
+    erc_hz: float | None
+    threads: int
 
 
 # Options of the chip's digital stages.
@@ -38,34 +38,34 @@ STAGE_KEYS = ("roi", "mask", "afk_hz", "afk_pass_hz", "afk_counts", "trail_us", 
 
 
 class SensorOptions(PixelOptions, total=False):
-    """Options of `Sensor` and `simulate`."""
+    """Options of `Sensor` and `simulate`; `Sensor` describes them."""
 
-    labels: bool  # events have a field `label`, an index into `pecs.sensor.LABELS`; default False
-    photocurrent_a: float  # photocurrent [A] of a pixel of value 1; default 1e-12
-    encoding: str | None  # of the frames: "linear", "srgb", or None (srgb for integers); default None
-    time_unit: str | None  # of t_us: "s", "ms", "us" or "ns"; default None: us, and others are refused
+    labels: bool
+    photocurrent_a: float
+    encoding: str | None
+    time_unit: str | None
 
 
 class SenseOptions(PixelOptions, total=False):
-    """Options of `sense`."""
+    """Options of `sense`, which describes them."""
 
-    white_a: float | None  # photocurrent [A] of white, for models that take no light
-    format: str | None  # of the output; default: by its name
-    fps: float | None  # times of frames without any; or times_us
-    times_us: str | PathLike[str] | None  # a text file
-    time_unit: str | None  # of its times: "s", "ms", "us" or "ns"; default None: us, and others are refused
-    fnumber: float | None  # of the lens, for a stack of radiance
-    gain: float | None  # for relative light, as of `Chip.amperes_per_unit`
-    photocurrent_a: float | None  # likewise
-    bands: str  # "all" (default), or "mc:N" for N bands drawn by their light
-    labels: str | PathLike[str] | None  # an NPY file for each event's cause (`pecs.sensor.LABELS`)
-    dropped: str | PathLike[str] | None  # an NPY file of the events that a stage dropped (`pecs.sensor.STAGES`)
-    warmup_loops: int  # of a periodic stack, before the output begins; default 0
-    warmup_us: int  # light before the first frame, extrapolated, for pixels that have been on; default 0
-    start_us: int  # begin of the output; default 0
-    duration_us: int | None  # length of the output; default: to the end of the stack
-    render_noise: float  # factor on the renderer's noise in the estimate of its events, 0: no estimate; default 1
-    motion: bool  # light between frames follows the stack's layer `motion`, if there is one; default True
+    white_a: float | None
+    format: str | None
+    fps: float | None
+    times_us: str | PathLike[str] | None
+    time_unit: str | None
+    fnumber: float | None
+    gain: float | None
+    photocurrent_a: float | None
+    bands: str
+    labels: str | PathLike[str] | None
+    dropped: str | PathLike[str] | None
+    warmup_loops: int
+    warmup_us: int
+    start_us: int
+    duration_us: int | None
+    render_noise: float
+    motion: bool
 
 
 def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any], kind: type) -> dict[str, Any]:

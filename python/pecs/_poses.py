@@ -1,4 +1,5 @@
-"""Poses: rotations, interpolation, and the files of TUM and EuRoC, which read back bit by bit.
+"""Poses: rotations, interpolation, and the files of TUM and EuRoC, which read back bit by bit. The renderer reads and
+interpolates camera paths with it in Blender, whose Python has no SciPy.
 
 Quaternions are (x y z w), world_from_body; [4, 4] matrices map body points to the world. TUM rows are
 `t_s tx ty tz qx qy qz qw`; EuRoC csv has nanoseconds and the quaternion's w first.
@@ -39,28 +40,6 @@ def matrix_from_quaternion(q: ArrayLike) -> NDArray[np.float64]:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def quaternion_from_matrix(m: ArrayLike) -> NDArray[np.float64]:
-    """[..., 4] (x y z w) with w >= 0, of rotations [..., 3, 3]. From the largest component (Shepperd 1978)."""
-    m = np.asarray(m, float)
-    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    squares = np.stack([1 + a - b - c, 1 - a + b - c, 1 - a - b + c, 1 + a + b + c], axis=-1)  # 4 q^2
-    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    xw, yw, zw = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    products = np.stack(  # 4 q q_k for each k that may be the largest
-        [
-            np.stack([squares[..., 0], xy, xz, xw], axis=-1),
-            np.stack([xy, squares[..., 1], yz, yw], axis=-1),
-            np.stack([xz, yz, squares[..., 2], zw], axis=-1),
-            np.stack([xw, yw, zw, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    largest = squares.argmax(axis=-1)[..., None, None]
-    q = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., 3:] < 0, -q, q)
-
-
 def pose_matrix(positions_m: ArrayLike, quaternions: ArrayLike) -> NDArray[np.float64]:
     """[..., 4, 4] of positions [..., 3] and quaternions [..., 4]."""
     positions_m = np.asarray(positions_m, float)
@@ -72,9 +51,11 @@ def pose_matrix(positions_m: ArrayLike, quaternions: ArrayLike) -> NDArray[np.fl
 
 
 def position_quaternion(matrices: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions [..., 3] and quaternions [..., 4] of [..., 4, 4]."""
+    """Positions [n, 3] and quaternions [n, 4] with w >= 0 of [n, 4, 4]; requires SciPy."""
+    from scipy.spatial.transform import Rotation
+
     matrices = np.asarray(matrices, float)
-    return matrices[..., :3, 3].copy(), quaternion_from_matrix(matrices[..., :3, :3])
+    return matrices[:, :3, 3].copy(), Rotation.from_matrix(matrices[:, :3, :3]).as_quat(canonical=True)
 
 
 def slerp(q0: ArrayLike, q1: ArrayLike, fraction: ArrayLike) -> NDArray[np.float64]:
@@ -93,9 +74,11 @@ def slerp(q0: ArrayLike, q1: ArrayLike, fraction: ArrayLike) -> NDArray[np.float
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray[np.float64]:
-    """Poses [m, 4, 4] at `at` [m] between poses [n, 4, 4] at increasing timestamps [n], in the same unit:
-    positions linear, rotations slerp. Raises ValueError outside the timestamps."""
+def interpolate(
+    at: ArrayLike, times: ArrayLike, positions: NDArray[np.float64], quaternions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses [m, 4, 4] at `at` [m] between positions [n, 3] and quaternions [n, 4] at increasing timestamps [n], in the
+    same unit: positions linear, rotations slerp. Raises PecsInputError outside the timestamps."""
     at, times = np.asarray(at, float), np.asarray(times, float)
     if at.size and (at.min() < times[0] or at.max() > times[-1]):
         raise PecsInputError(
@@ -104,8 +87,8 @@ def interpolate(at: ArrayLike, times: ArrayLike, matrices: ArrayLike) -> NDArray
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(len(times) - 2, 0))
     j = np.minimum(i + 1, len(times) - 1)
     f = (at - times[i]) / np.where(j > i, times[j] - times[i], 1.0)
-    p, q = position_quaternion(matrices)
-    return pose_matrix(p[i] + f[:, None] * (p[j] - p[i]), slerp(q[i], q[j], f))
+    place = positions[i] + f[:, None] * (positions[j] - positions[i])
+    return pose_matrix(place, slerp(quaternions[i], quaternions[j], f))
 
 
 # Files

@@ -8,18 +8,8 @@ from pathlib import Path
 
 
 def program() -> Path:
-    """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout.
-
-    Returns
-    -------
-    Path
-        The program.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is none (a library built with -DPECS_BUILD_PROGRAM=OFF).
-    """
+    """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout. Raises FileNotFoundError if there is
+    none (a library built with -DPECS_BUILD_PROGRAM=OFF)."""
     if named := os.environ.get("PECS_PROGRAM"):
         return Path(named)
     here = Path(__file__).resolve().parent

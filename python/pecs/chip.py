@@ -31,12 +31,9 @@ _close = function("pecs_chip_close", None, POINTER, error=False)
 def models() -> list[dict[str, Any]]:
     """List the pixel models.
 
-    Returns
-    -------
-    list of dict
-        For each model `name`, `source`, `takes_light` (False: it takes grey values), `tells_causes` (True: the option
-        `labels` works), and `parameters`: a list of `key`, `unit`, `value` (default), `min`, `max`, `meaning`. The
-        parameters of `pecs` are the values of the chip.
+    Each has `name`, `source`, `takes_light` (False: it takes grey values), `tells_causes` (True: the option `labels`
+    works), and `parameters`: a list of `key`, `unit`, `value` (default), `min`, `max`, `meaning`. The parameters of
+    `pecs` are the values of the chip.
     """
     answer: list[dict[str, Any]] = take_json(_models())
     return answer
@@ -45,11 +42,7 @@ def models() -> list[dict[str, Any]]:
 def presets() -> list[dict[str, Any]]:
     """List published settings of other simulators, for the option `preset` of `Sensor`, `simulate` and `sense`.
 
-    Returns
-    -------
-    list of dict
-        For each preset `name`, `description`, `source`, `model`, `set` (values of the chip) and `param` (parameters of
-        the model).
+    Each has `name`, `description`, `source`, `model`, `set` (values of the chip) and `param` (parameters of the model).
     """
     answer: list[dict[str, Any]] = take_json(_presets())
     return answer
@@ -145,24 +138,10 @@ class Chip(Handle):
         fps: float | None = None,
         **scale: Unpack[ScaleOptions],
     ) -> NDArray[np.float32]:
-        """Photocurrent of a stack's frames, without dark current.
+        """Photocurrent [A] of a stack's frames (default: all) without dark current: [height, width] of one frame,
+        [frames, height, width] of several. Negative light gives 0; light that is not finite gives NaN.
 
-        Parameters
-        ----------
-        stack : str, path or StackReader
-            The stack.
-        frames : int or sequence of int, optional
-            Numbers of frames. Default: all.
-        fps : float, optional
-            Frame rate [Hz] of a folder without stack.json.
-        fnumber, gain, photocurrent_a : float, optional
-            As of `amperes_per_unit`.
-
-        Returns
-        -------
-        float32 array
-            [A], [height, width] of one frame, [frames, height, width] of several. Negative light gives 0; light that is
-            not finite gives NaN.
+        fps: frame rate [Hz] of a folder without stack.json. fnumber, gain and photocurrent_a as of `amperes_per_unit`.
         """
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:

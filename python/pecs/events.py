@@ -31,16 +31,10 @@ else:
 
 
 class Events(_Array):
-    """Events with the size of their sensor: a structured array with the fields t, x, y and p.
+    """Events with the size of their sensor: a structured array with the fields t [us], x, y [pixels] and p (1: ON, 0:
+    OFF).
 
-    Slices, masks and copies keep the size; a single field is a plain array.
-
-    Parameters
-    ----------
-    events : structured array
-        With the fields t [us], x, y [pixels] and p (1: ON, 0: OFF).
-    width, height : int
-        Size of the sensor [pixels]. Default 0: unknown.
+    Slices, masks and copies keep `width` and `height` [pixels] (0: unknown); a single field is a plain array.
     """
 
     width: int
@@ -92,13 +86,7 @@ _writer_close = function("pecs_event_writer_close", None, POINTER, error=False)
 
 
 def event_formats() -> list[dict[str, Any]]:
-    """List the formats of event files.
-
-    Returns
-    -------
-    list of dict
-        `name`, `description`, `extensions`, `reads` and `writes` of each format.
-    """
+    """List `name`, `description`, `extensions`, `reads` and `writes` of each format of event files."""
     formats: list[dict[str, Any]] = take_json(_formats())
     return formats
 
@@ -156,18 +144,7 @@ class EventReader(Handle):
         return info
 
     def read(self, count: int = _BLOCK) -> Events:
-        """Read the next events.
-
-        Parameters
-        ----------
-        count : int
-            Largest number of events. Default 65536.
-
-        Returns
-        -------
-        Events
-            Empty at the end of the file.
-        """
+        """Read the next events, at most `count`; empty at the end of the file."""
         block = np.empty(count, EVENT_DTYPE)
         with self._use():
             block = block[: self.read_into(block)]
@@ -178,18 +155,8 @@ class EventReader(Handle):
         return Events(events, info["width"], info["height"])
 
     def read_into(self, block: NDArray[np.void]) -> int:
-        """Read the next events into an array.
-
-        Parameters
-        ----------
-        block : structured array
-            Contiguous, of `EVENT_DTYPE`.
-
-        Returns
-        -------
-        int
-            Number of events; 0 only at the end of the file.
-        """
+        """Read the next events into a contiguous array of `EVENT_DTYPE`. Returns their number; 0 only at the end of the
+        file."""
         if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
             raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
         count: int = self._call(_read, block.ctypes.data, len(block))
@@ -234,13 +201,8 @@ class EventWriter(Handle):
         super().__init__(_create(path_bytes(path), options_bytes(options)))
 
     def write(self, events: NDArray[Any]) -> None:
-        """Append events.
-
-        Parameters
-        ----------
-        events : structured array
-            With the integer fields t, x, y and p (p may be boolean), with increasing t.
-        """
+        """Append events: a structured array with the integer fields t, x, y and p (p may be boolean), with increasing
+        t."""
         events = as_events(events)
         self._call(_write, events.ctypes.data, len(events))
 
@@ -266,23 +228,7 @@ def read(
     size: tuple[int, int] | None = None,
     late: str | None = None,
 ) -> Events:
-    """Read all events of a file. Errors are those of `EventReader`.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    format : str, optional
-        A name of `event_formats()`. Default: detected from the content.
-
-    time_unit, size, late
-        As of `EventReader`.
-
-    Returns
-    -------
-    Events
-        With `width` and `height`.
-    """
+    """Read all events of a file. Options and errors are those of `EventReader`."""
     with EventReader(path, format, time_unit=time_unit, size=size, late=late) as reader:
         events = np.empty(_BLOCK, EVENT_DTYPE)
         size = 0
@@ -302,22 +248,10 @@ def write(
     format: str | None = None,
     camera: str = "",
 ) -> None:
-    """Write all events to a file. Errors are those of `EventWriter`.
+    """Write all events to a file. Options and errors are those of `EventWriter`; the size is that of `events` by
+    default.
 
         pecs.write("events.raw", events)
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    events : structured array
-        With the fields t, x, y and p.
-    width, height : int
-        Size of the sensor [pixels]; required by RAW and DAT. Default 0: that of `events`.
-    format : str, optional
-        A name of `event_formats()`. Default: by the extension.
-    camera : str
-        Name of the camera for formats that have one. Default "".
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     with EventWriter(path, width, height, format, camera) as writer:

@@ -68,15 +68,7 @@ class Camera:
     sha256: str
 
     def diffract(self, pixels: NDArray[np.float32], band: int) -> None:
-        """Blur the rendered image of one band in place.
-
-        Parameters
-        ----------
-        pixels : float32 array
-            [height, width], C-contiguous.
-        band : int
-            Number of the band in `bands_nm`.
-        """
+        """Blur the rendered image [height, width] (C-contiguous) of one band, a number in `bands_nm`, in place."""
         if pixels.ndim != 2 or pixels.dtype != "float32" or not pixels.flags["C_CONTIGUOUS"]:
             raise ValueError("pixels must be a C-contiguous float32 array [height, width]")
         height, width = pixels.shape
@@ -90,37 +82,23 @@ class _Setting(TypedDict, total=False):
 
 
 class PupilOptions(_Setting, total=False):
-    """Options of `Lens.pupil`. lambda_nm: 587.56. Film: 6.2208 x 3.4992 mm."""
-
     lambda_nm: float
     film_width_mm: float
     film_height_mm: float
 
 
 class InfoOptions(PupilOptions, total=False):
-    """Options of `Lens.info`. bands_nm: wavelengths of the colour columns. field_rows: points from centre to corner."""
-
     bands_nm: Sequence[float]
     field_rows: int
 
 
 class DrawOptions(_Setting, total=False):
-    """Options of `Lens.draw`. bands_nm: wavelengths of the rays."""
-
     film_width_mm: float
     film_height_mm: float
     bands_nm: Sequence[float]
 
 
 class CameraOptions(_Setting, total=False):
-    """Options of `Lens.camera`.
-
-    focus_bands_nm: all bands of the stack, for one focus. film_shift: of the film's centre (+x right, +y up, seen from
-    behind). colour_tolerance_px: largest shift of colour at which the bands share their rays. band_shares: of the
-    bands in the signal of a sensor that adds them up; share_spreads: how much their running sums vary with the scene's
-    colours. unit_m: metres per unit of the scene (1).
-    """
-
     focus_bands_nm: Sequence[float] | None
     film_width_mm: float | None
     film_height_mm: float | None
@@ -136,9 +114,6 @@ class CameraOptions(_Setting, total=False):
 
 
 class ImageOptions(_Setting, total=False):
-    """Options of `Lens.directions` and `Lens.pixels`. width, height [pixels] are required; pixel_pitch_mm: 0.00486;
-    lambda_nm: 550; film_shift_mm, film_tilt_deg: (x, y) as of `CameraOptions`."""
-
     width: Required[int]
     height: Required[int]
     pixel_pitch_mm: float
@@ -213,41 +188,13 @@ class Lens(Handle):
         return self._answer(_info, options)
 
     def pupil(self, **options: Unpack[PupilOptions]) -> dict[str, Any]:
-        """The exit pupil over the film radius.
-
-        Parameters
-        ----------
-        focus_m, stop_diameter_mm, fnumber : float, optional
-            As of `Lens`.
-        lambda_nm : float
-            Wavelength [nm]. Default 587.56.
-        film_width_mm, film_height_mm : float
-            Size of the film [mm]. Default 6.2208, 3.4992.
-
-        Returns
-        -------
-        dict
-            `pupil` lists film radius, covering ellipse, exact area and irradiance per radiance.
-        """
+        """The exit pupil over the film radius: film radius, covering ellipse, exact area and irradiance per radiance.
+        Options as of `info`."""
         return self._answer(_pupil, options)
 
     def draw(self, **options: Unpack[DrawOptions]) -> str:
-        """Draw a section of the lens with rays.
-
-        Parameters
-        ----------
-        focus_m, stop_diameter_mm, fnumber : float, optional
-            As of `Lens`.
-        film_width_mm, film_height_mm : float
-            Size of the film [mm]. Default 6.2208, 3.4992.
-        bands_nm : sequence of float
-            Wavelengths [nm] of the rays.
-
-        Returns
-        -------
-        str
-            SVG.
-        """
+        """Draw a section of the lens with rays, as SVG. Options as of `info`; `bands_nm` are the wavelengths [nm] of
+        the rays."""
         return take_text(self._call(_draw, options_bytes(_plain(options))))
 
     def camera(self, *, bands_nm: Sequence[float], **options: Unpack[CameraOptions]) -> Camera:
@@ -317,22 +264,8 @@ class Lens(Handle):
         return self._mapped(_directions, _image_json(options), pixels, 2, 3)
 
     def pixels(self, directions: ArrayLike, **options: Unpack[ImageOptions]) -> NDArray[np.float64]:
-        """Pixels of directions, the inverse of `directions`.
-
-        Parameters
-        ----------
-        directions : array
-            [..., 3], of any length; axes as of `directions`.
-        width, height, pixel_pitch_mm, lambda_nm, focus_m, stop_diameter_mm, fnumber
-            As of `directions`.
-        focus_bands_nm, film_shift_mm, film_tilt_deg
-            As of `directions`.
-
-        Returns
-        -------
-        float64 array
-            [..., 2], x and y [pixels]; NaN outside the field of view.
-        """
+        """Pixels [..., 2] of directions [..., 3] of any length, the inverse of `directions` with its options; NaN
+        outside the field of view."""
         return self._mapped(_pixels, _image_json(options), directions, 3, 2)
 
     def _answer(self, call: Any, options: Mapping[str, Any]) -> dict[str, Any]:

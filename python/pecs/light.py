@@ -90,18 +90,8 @@ class Light(Handle):
         self.along_motion: bool = info["motion"]
 
     def at(self, t_us: ArrayLike) -> NDArray[np.float32]:
-        """The photocurrent at a time or at several.
-
-        Parameters
-        ----------
-        t_us : float or sequence of float
-            Times [us] from the first frame.
-
-        Returns
-        -------
-        float32 array
-            [A], [chips, height, width], or [times, chips, height, width]. Without dark current.
-        """
+        """The photocurrent [A] without dark current at a time [us] from the first frame, [chips, height, width], or at
+        several, [times, chips, height, width]."""
         times = np.asarray(t_us, np.float64)
         if times.ndim > 1:
             raise ValueError(f"t_us: got shape {times.shape}, wanted one time or a list")
@@ -110,20 +100,8 @@ class Light(Handle):
         return out
 
     def mean(self, begin_us: float, end_us: float, steps: int | None = None) -> NDArray[np.float32]:
-        """The mean photocurrent over a time, as of a global shutter.
-
-        Parameters
-        ----------
-        begin_us, end_us : float
-            Times [us] from the first frame.
-        steps : int, optional
-            As of `exposure`.
-
-        Returns
-        -------
-        float32 array
-            [A], [chips, height, width].
-        """
+        """The mean photocurrent [A] over a time [us] from the first frame, as of a global shutter, [chips, height,
+        width]. `steps` as of `exposure`."""
         return self.exposure(begin_us, end_us - begin_us, steps=steps)
 
     def exposure(

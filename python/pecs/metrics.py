@@ -80,24 +80,11 @@ def compare(
 def delays(
     events: NDArray[np.void], *, disk: dict[str, Any], duration_us: int, width: int = 0, height: int = 0
 ) -> dict[str, Any]:
-    """Delays of events behind the edges of a rotating disk.
+    """Delays of events behind the edges of a rotating disk, as `delays` of `compare` for one stream.
 
-    Parameters
-    ----------
-    events : structured array
-        Sorted by t, with t in [0, duration_us).
-    disk : dict
-        Output of `pecs align detect --json`, its `phase_time_us` in the clock of `events`.
-    duration_us : int
-        Length [us] of the recording.
-    width, height : int
-        Size of the sensor [pixels]. Default 0: that of `events`.
-
-    Returns
-    -------
-    dict
-        As `delays` of `compare` for one stream. By polarity also `passes`, [region][bin], pixels times passing edges;
-        `regions`: how many around (counter-clockwise from the left) and along the radius, and the events of each.
+    `events` are sorted by t in [0, duration_us); `disk` is the output of `pecs align detect --json`, its
+    `phase_time_us` in their clock. By polarity also `passes`, [region][bin], pixels times passing edges; `regions`: how
+    many around (counter-clockwise from the left) and along the radius, and the events of each.
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     events = as_events(events)

@@ -47,19 +47,11 @@ class Carrier(Handle):
     """The motion between two keyframes, prepared once for any number of instants.
 
         with pecs.Carrier(stack.read_layer("motion", 0)) as carrier:
-                light = pecs.CarriedLight(carrier, first, second)
+            light = pecs.CarriedLight(carrier, first, second)
             third, half = light.at(1 / 3), light.at(1 / 2)
 
-    Parameters
-    ----------
-    motion : array
-        [20, H, W] of a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward and
-        backward flow. NaN: unknown.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong.
+    `motion` is [20, H, W], a stack's layer `motion`; [2, H, W], forward optical flow [pixels]; or [4, H, W], forward
+    and backward flow. NaN: unknown.
     """
 
     _free = staticmethod(_close)
@@ -72,25 +64,11 @@ class Carrier(Handle):
         super().__init__(_open(m, len(m), m.shape[2], m.shape[1]))
 
     def labels(self, first: ArrayLike, second: ArrayLike, fraction: float) -> NDArray[np.int32]:
-        """Object ids between two planes of them, warped along the motion. The nearest surface wins; ids are never
-        blended.
+        """Object ids [H, W] at a time within the interval (`fraction`, 0 to 1) between two planes of them, warped along
+        the motion.
 
-        Parameters
-        ----------
-        first, second : array
-            [H, W], whole numbers.
-        fraction : float
-            Time within the interval, 0 to 1.
-
-        Returns
-        -------
-        int32 array
-            [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
-
-        Raises
-        ------
-        ValueError
-            A shape is wrong, or a value is not a whole number.
+        The nearest surface wins; ids are never blended. Where neither plane shows the surface: what both have at the
+        pixel, or 0.
         """
         a, b = _whole(first), _whole(second)
         if a.shape != b.shape or a.ndim != 2:
@@ -106,22 +84,10 @@ class Carrier(Handle):
 
 
 class CarriedLight(Handle):
-    """The light between two keyframes, warped along the motion; prepared once for any number of instants.
+    """The light between two keyframes [H, W] or [bands, H, W], warped along the motion; prepared once for any number of
+    instants. The carrier may be closed afterwards.
 
-    Parameters
-    ----------
-    carrier : Carrier
-        The motion; may be closed afterwards.
-    first, second : array
-        [H, W] or [bands, H, W], any positive light.
-    side : str
-        "both" (default); "first" or "second": what this keyframe alone predicts, NaN where it does not show the
-        surface.
-
-    Raises
-    ------
-    ValueError
-        A shape or `side` is wrong.
+    `side`: "both"; "first" or "second" is what this keyframe alone predicts, NaN where it does not show the surface.
     """
 
     _free = staticmethod(_close_light)
@@ -137,27 +103,10 @@ class CarriedLight(Handle):
     def at(
         self, fraction: float, boxes: ArrayLike | None = None, out: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
-        """The light at one instant.
+        """The light at one instant (`fraction` of the interval, 0 to 1), in the shape of the keyframes.
 
-        Parameters
-        ----------
-        fraction : float
-            Time within the interval, 0 to 1.
-        boxes : array, optional
-            [n, 4]: left, top, right, bottom [px] of the parts to compute. Default: the whole picture. Light elsewhere
-            is unspecified.
-        out : float32 array, optional
-            Filled and returned. Default: a new array, NaN outside the boxes or light there.
-
-        Returns
-        -------
-        float32 array
-            In the shape of the keyframes.
-
-        Raises
-        ------
-        ValueError
-            A shape is wrong.
+        `boxes` [n, 4] (left, top, right, bottom [px]) are the parts to compute; light elsewhere is unspecified. `out`
+        is filled and returned.
         """
         shape = self._keyframes[0].shape
         out = np.full(shape, np.nan, np.float32) if out is None else out
@@ -171,53 +120,17 @@ class CarriedLight(Handle):
 def carry(
     first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float, side: str = "both"
 ) -> NDArray[np.float32]:
-    """The light at one instant between two keyframes, warped along motion: `CarriedLight.at`.
+    """The light at one instant between two keyframes, warped along motion: `CarriedLight.at`, with the arguments of
+    `Carrier` and `CarriedLight`.
 
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
-
-    Parameters
-    ----------
-    first, second, side
-        As of `CarriedLight`.
-    fraction : float
-        Time within the interval, 0 to 1.
-    motion : array
-        As of `Carrier`.
-
-    Returns
-    -------
-    float32 array
-        In the shape of `first`.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong.
     """
     with Carrier(motion) as carrier:
         return CarriedLight(carrier, first, second, side).at(fraction)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:
-    """Object ids at one instant between two planes of them, warped along motion: `Carrier.labels`.
-
-    Parameters
-    ----------
-    first, second, fraction
-        As of `Carrier.labels`.
-    motion : array
-        As of `Carrier`.
-
-    Returns
-    -------
-    int32 array
-        [H, W]. Where neither plane shows the surface: what both have at the pixel, or 0.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong, or a value is not a whole number.
-    """
+    """Object ids at one instant between two planes of them, warped along motion: `Carrier(motion).labels`."""
     with Carrier(motion) as carrier:
         return carrier.labels(first, second, fraction)
 
@@ -225,30 +138,13 @@ def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fractio
 def event_labels(
     events: NDArray[Any], stack: str | PathLike[str] | StackReader, layer: str = "objects", begin_us: float = 0.0
 ) -> NDArray[np.uint16]:
-    """The object that each event's pixel saw at the event's own time, to half a pixel of motion.
+    """The object that each event's pixel saw at the event's own time, to half a pixel of motion: one id per event; 0
+    outside the stack's time and where the layer has 0.
 
         ids = pecs.event_labels(pecs.read("events.h5"), "truth")
 
-    Parameters
-    ----------
-    events : structured array
-        Sorted by t.
-    stack : str, path or StackReader
-        With the layer `motion` and `layer`; light is not required.
-    layer : str
-        A layer of one channel of whole numbers per frame. Default "objects".
-    begin_us : float
-        Time [us] of the events at the stack's first frame. Default 0.
-
-    Returns
-    -------
-    uint16 array
-        One id per event; 0 outside the stack's time and where the layer has 0.
-
-    Raises
-    ------
-    PecsInputError
-        The layer is another one, or a pixel is outside the image.
+    `stack` has the layer `motion` and `layer`, of one channel of whole numbers; light is not required. Events are
+    sorted by t; `begin_us` is their time at the stack's first frame.
     """
     if not isinstance(stack, StackReader):
         with StackReader(stack) as reader:

@@ -80,23 +80,7 @@ def time_surface(
 ) -> _Planes:
     """Time surface (Lagorce et al., HOTS, TPAMI 2017): exp(-(end_us - t) / tau_us) of the pixel's last event.
 
-    Parameters
-    ----------
-    events : structured array
-        With the fields t, x, y and p.
-    width, height : int
-        Size of the planes [pixels].
-    tau_us : float
-        Time constant [us].
-    begin_us, end_us : float, optional
-        Window [us]. Default: that of the events.
-    out : float32 array, optional
-        Of the result's shape, written and returned.
-
-    Returns
-    -------
-    float32 array
-        [2, height, width], OFF and ON; 0 without an event.
+    [2, height, width], OFF and ON; 0 without an event. Arguments as of `voxel_grid`; tau_us: time constant [us].
     """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2, height, width, out)
@@ -115,23 +99,7 @@ def event_histogram(
 ) -> _Planes:
     """Counts of events, as RVT's stacked histograms (Gehrig & Scaramuzza, CVPR 2023), without their upper limit.
 
-    Parameters
-    ----------
-    events : structured array
-        With the fields t, x, y and p.
-    width, height : int
-        Size of the planes [pixels].
-    bins : int
-        Number of bins in time. Default 1.
-    begin_us, end_us : float, optional
-        Window [us]. Default: that of the events.
-    out : float32 array, optional
-        Of the result's shape, written and returned.
-
-    Returns
-    -------
-    float32 array
-        [2 * bins, height, width]: all bins of OFF, then all of ON.
+    [2 * bins, height, width]: all bins in time of OFF, then all of ON. Arguments as of `voxel_grid`.
     """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2 * bins, height, width, out)

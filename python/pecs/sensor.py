@@ -223,13 +223,7 @@ class Sensor(Handle):
         return out
 
     def finish(self) -> Events:
-        """Return the events of the last interval and close the sensor.
-
-        Returns
-        -------
-        Events
-            As of `push`.
-        """
+        """Return the events of the last interval and close the sensor."""
         return self._push(np.empty((0, *self.shape), np.float32), np.empty(0), True)
 
     def _push(

@@ -15,31 +15,15 @@ _glass = function("pecs_glass_index", INT64, TEXT, DOUBLES, INT64, DOUBLES, INT6
 
 
 def spectrum(name_or_path: str | PathLike[str], lambda_nm: ArrayLike | None = None) -> NDArray[np.float64]:
-    """A spectrum at wavelengths, linear between its points and 0 outside them.
+    """A spectrum at wavelengths [nm], linear between its points and 0 outside them; without wavelengths the table
+    itself, [2, points].
 
         pecs.spectrum("d65", [450, 550, 650])
         lambda_nm, power = pecs.spectrum("blackbody:2856")     # the table itself, [2, points]
 
-    Parameters
-    ----------
-    name_or_path : str or path
-        A name of lens_data/spectra ("d65", "colorchecker/red"), a .csv file (wavelength [nm], value), "blackbody:T" or
-        "daylight:T" with T in K.
-    lambda_nm : array, optional
-        Wavelengths [nm]. Default: the table itself is returned.
-
-    Returns
-    -------
-    float64 array
-        In the shape of `lambda_nm`, or [2, points]. "basis/srgb" and "basis/daylight" contain three functions: a first
-        axis of 3, or [4, points].
-
-    Raises
-    ------
-    PecsNotFoundError
-        The name is unknown.
-    PecsInputError
-        The file is wrong.
+    Names are those of lens_data/spectra ("d65", "colorchecker/red"), a .csv file (wavelength [nm], value),
+    "blackbody:T" or "daylight:T" with T in K. "basis/srgb" and "basis/daylight" contain three functions: a first axis
+    of 3, or [4, points].
     """
     table = np.array(take_json(_spectrum(path_bytes(name_or_path)))).T
     if lambda_nm is None:
@@ -50,30 +34,13 @@ def spectrum(name_or_path: str | PathLike[str], lambda_nm: ArrayLike | None = No
 
 
 def glass(glass: str | tuple[float, float], lambda_nm: ArrayLike) -> NDArray[np.float64]:
-    """Refractive index relative to air.
+    """Refractive index relative to air at wavelengths [nm].
 
         pecs.glass("N-BK7", 550)
         pecs.glass((1.5168, 64.2), [450, 550, 650])            # n_d and the Abbe number
 
-    Parameters
-    ----------
-    glass : str or (float, float)
-        A name of lens_data/glasses ("N-BK7", or "schott/N-BK7"): the manufacturer's formula. Or n_d and Abbe number:
-        Hartmann's formula through both and the normal line (350 to 1100 nm).
-    lambda_nm : array
-        Wavelengths [nm].
-
-    Returns
-    -------
-    float64 array
-        In the shape of `lambda_nm`.
-
-    Raises
-    ------
-    PecsNotFoundError
-        The name is unknown.
-    PecsInputError
-        A wavelength is outside the formula's range.
+    A name of lens_data/glasses ("N-BK7", or "schott/N-BK7") has the manufacturer's formula; n_d and Abbe number have
+    Hartmann's formula through both and the normal line (350 to 1100 nm).
     """
     options = {"name": glass} if isinstance(glass, str) else {"nd": float(glass[0]), "vd": float(glass[1])}
     at = np.ascontiguousarray(lambda_nm, np.float64)

@@ -36,14 +36,9 @@ def _shape(info: dict[str, Any]) -> tuple[int, int, int]:
 
 
 class StackWriter(Handle):
-    """Write a stack, or continue one whose stack.json is equal to `stack`.
+    """Write a stack, or continue one whose stack.json (docs/reference/exr_stack.md) is equal to `stack`.
 
-    Parameters
-    ----------
-    folder : str or path
-        Folder of the stack.
-    stack : dict
-        Content of stack.json (docs/reference/exr_stack.md).
+    Frames and layers are [bands or channels, height, width], row 0 at the top, in the stack's or the layer's unit.
     """
 
     _free = staticmethod(_writer_close)
@@ -55,51 +50,19 @@ class StackWriter(Handle):
         self._channels = {entry["name"]: len(entry["channels"]) for entry in stack.get("layers") or []}
 
     def has_frame(self, index: int) -> bool:
-        """Whether the light of a frame is complete on disk.
-
-        Parameters
-        ----------
-        index : int
-            Number of the frame.
-        """
+        """Whether the light of a frame is complete on disk."""
         return self.has_layer(LIGHT, index)
 
     def has_layer(self, name: str, index: int) -> bool:
-        """Whether a frame of a layer is complete on disk.
-
-        Parameters
-        ----------
-        name : str
-            Name of the layer.
-        index : int
-            Number of the frame.
-        """
+        """Whether a frame of a layer is complete on disk."""
         return bool(self._call(_has_frame, name.encode(), index))
 
     def write_frame(self, index: int, values: NDArray[np.float32]) -> None:
-        """Write the light of a frame.
-
-        Parameters
-        ----------
-        index : int
-            Number of the frame.
-        values : float32 array
-            [bands, height, width], row 0 at the top, in the stack's unit. In a stack with noise, it follows the bands.
-        """
+        """Write the light of a frame. In a stack with noise, the noise follows the bands."""
         self.write_layer(LIGHT, index, values)
 
     def write_layer(self, name: str, index: int, values: NDArray[np.float32]) -> None:
-        """Write a frame of a layer.
-
-        Parameters
-        ----------
-        name : str
-            Name of the layer.
-        index : int
-            Number of the frame.
-        values : float32 array
-            [channels, height, width], row 0 at the top, in the layer's unit.
-        """
+        """Write a frame of a layer."""
         values = np.ascontiguousarray(values, np.float32)
         shape = (self._channels.get(name, self._written[0]), *self.shape[1:])
         if values.shape != shape:
@@ -107,33 +70,12 @@ class StackWriter(Handle):
         self._call(_write_frame, name.encode(), index, values, values.size)
 
     def has_between(self, interval: int, number: int, time_ns: int) -> bool:
-        """Whether the light at a time between two frames is complete on disk.
-
-        Parameters
-        ----------
-        interval : int
-            Number of the frame at which the interval begins.
-        number : int
-            Number of the image within the interval.
-        time_ns : int
-            Its time [ns].
-        """
+        """Whether image `number` of the interval that begins at frame `interval`, at `time_ns`, is complete on disk."""
         return bool(self._call(_has_between, interval, number, time_ns))
 
     def write_between(self, interval: int, number: int, time_ns: int, values: NDArray[np.float32]) -> None:
-        """Write the light at a time between two frames.
-
-        Parameters
-        ----------
-        interval : int
-            Number of the frame at which the interval begins.
-        number : int
-            Number of the image within the interval; it increases with the time.
-        time_ns : int
-            Its time [ns].
-        values : float32 array
-            As of `write_frame`; NaN where it was not rendered.
-        """
+        """Write the light at a time within the interval that begins at frame `interval`, NaN where it was not rendered.
+        `number` increases with the time."""
         values = np.ascontiguousarray(values, np.float32)
         if values.shape != self._written:
             raise ValueError(f"between: got shape {values.shape}, wanted {self._written} (bands, height, width)")
@@ -141,23 +83,10 @@ class StackWriter(Handle):
 
 
 class StackReader(Handle):
-    """Read a stack, or a folder of spectral EXR files.
+    """Read a stack, or a folder of spectral EXR files with a frame rate `fps` [Hz].
 
-    Parameters
-    ----------
-    folder : str or path
-        Folder of the stack.
-    fps : float, optional
-        Frame rate [Hz] of a folder without stack.json.
-
-    Attributes
-    ----------
-    info : dict
-        Size, bands, times [ns], and the number of frames on disk.
-    layers : list of dict
-        `name`, `channels`, `unit` and `at` ("instant" or "interval") of each layer, the light first.
-    shape : (int, int, int)
-        Bands, height, width.
+    `info`: size, bands, times [ns], and the number of frames on disk. `layers`: `name`, `channels`, `unit` and `at`
+    ("instant" or "interval") of each layer, the light first. `shape`: bands, height, width.
     """
 
     _free = staticmethod(_reader_close)
@@ -169,71 +98,24 @@ class StackReader(Handle):
         self.shape = _shape(self.info)
 
     def read_frame(self, index: int) -> NDArray[np.float32]:
-        """Read the light of a frame.
-
-        Parameters
-        ----------
-        index : int
-            Number of the frame.
-
-        Returns
-        -------
-        float32 array
-            [bands, height, width], in the stack's unit.
-        """
+        """Read the light of a frame, [bands, height, width] in the stack's unit."""
         return self.read_layer(LIGHT, index)
 
     def between_ns(self, interval: int) -> list[int]:
-        """List the times at which light was rendered within an interval.
-
-        Parameters
-        ----------
-        interval : int
-            Number of the frame at which the interval begins.
-
-        Returns
-        -------
-        list of int
-            Times [ns].
-        """
+        """List the times [ns] at which light was rendered within the interval that begins at frame `interval`."""
         times = np.empty(self._call(_between_ns, interval, None, 0), np.int64)
         self._call(_between_ns, interval, times.ctypes.data, len(times))
         return [int(t) for t in times]
 
     def read_between(self, interval: int, which: int) -> NDArray[np.float32]:
-        """Read the light at a time between two frames.
-
-        Parameters
-        ----------
-        interval : int
-            Number of the frame at which the interval begins.
-        which : int
-            Index into `between_ns(interval)`.
-
-        Returns
-        -------
-        float32 array
-            [bands, height, width]; NaN where it was not rendered.
-        """
+        """Read the light at time `which` of `between_ns(interval)`, [bands, height, width]; NaN where it was not
+        rendered."""
         frame = np.empty(self.shape, np.float32)
         self._call(_read_between, interval, which, frame, frame.size)
         return frame
 
     def read_layer(self, name: str, index: int) -> NDArray[np.float32]:
-        """Read a frame of a layer.
-
-        Parameters
-        ----------
-        name : str
-            Name of the layer.
-        index : int
-            Number of the frame.
-
-        Returns
-        -------
-        float32 array
-            [channels, height, width].
-        """
+        """Read a frame of a layer, [channels, height, width]."""
         channels = next((len(layer["channels"]) for layer in self.layers if layer["name"] == name), 0)
         frame = np.empty((channels, *self.shape[1:]), np.float32)
         self._call(_read_frame, name.encode(), index, frame, frame.size)

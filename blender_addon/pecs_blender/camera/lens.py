@@ -27,6 +27,8 @@ from ..scene.source import Source
 from ..spectral.bands import BandSet, Chosen, passes
 from .plan import View
 
+COLOUR_TOLERANCE_PX = 0.1  # shift of edges up to which the bands of a pass share their rays
+
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
@@ -126,7 +128,7 @@ def cameras(lens: Lens, chosen: Chosen, view: View, per_pass: int, unit_m: float
         lens.lens.camera(
             bands_nm=lambda_nm[bands].tolist(),
             focus_bands_nm=lens.focus_bands(lambda_nm),
-            colour_tolerance_px=view.colour_tolerance_px,
+            colour_tolerance_px=COLOUR_TOLERANCE_PX * view.subpixels,
             **chosen.shares(bands),
             **lens.setting,
             **lens.frame,

@@ -30,7 +30,6 @@ class View:
     focus_m: float | None
     focus_bands_nm: tuple[float, ...]  # empty: all bands
     focal_mm: float  # of a scene folder's pinhole
-    colour_tolerance_px: float  # rendered pixels
     moving_px: Box | None  # rendered pixels; None: everything may move
     path: CameraPath | None
 

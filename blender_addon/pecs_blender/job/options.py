@@ -240,13 +240,6 @@ class Options:
         metavar="NM,NM,...",
     )
     focal_mm: float = option(15.02, "focal length of a scene folder's pinhole", above=0, high=1e4, unit="mm")
-    colour_tolerance_px: float = option(
-        0.1,
-        "the bands of a pass share rays if this moves edges by at most so much; otherwise each ray carries one band, "
-        "which takes three times as many rays",
-        low=0,
-        unit="px",
-    )
     threads: int = option(
         0, "number of threads, 0 for all cores; does not change the result", low=0, high=1024, recorded=False
     )

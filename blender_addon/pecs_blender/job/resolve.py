@@ -74,7 +74,6 @@ def _view(options: Options, source: Source, chip: pecs.Chip) -> View:
         focus_m=options.focus_m,
         focus_bands_nm=options.focus_bands_nm,
         focal_mm=options.focal_mm,
-        colour_tolerance_px=options.colour_tolerance_px * subpixels,
         moving_px=_moving_px(options.moving_px, pixels, subpixels),
         path=read_camera_path(Path(options.camera_path)) if options.camera_path else None,
     )

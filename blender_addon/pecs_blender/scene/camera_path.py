@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pecs._errors import bad_input
 from pecs._files import sha256
-from pecs._poses import interpolate, pose_matrix, read_tum
+from pecs._poses import interpolate, read_tum
 
 from .timeline import Timeline
 
@@ -22,16 +22,18 @@ SAME_POSE = 1e-6  # metres, or in an entry of a rotation: largest difference bet
 
 @dataclass(frozen=True)
 class CameraPath:
-    """times_s: [n], increasing. poses: [n, 4, 4] world_from_camera, metres. sha256: of the file."""
+    """times_s: [n], increasing. positions_m: [n, 3], quaternions: [n, 4] world_from_camera. sha256: of the file."""
 
     file: Path
     times_s: np.ndarray
-    poses: np.ndarray
+    positions_m: np.ndarray
+    quaternions: np.ndarray
     sha256: str
 
     def world_from_camera(self, t_s: float) -> np.ndarray:
         """[4, 4], metres. Before the first and after the last row, the pose of that row."""
-        return interpolate([np.clip(t_s, *self.times_s[[0, -1]])], self.times_s, self.poses)[0]
+        at = np.clip(t_s, *self.times_s[[0, -1]])
+        return interpolate([at], self.times_s, self.positions_m, self.quaternions)[0]
 
     def check(self, plan: Timeline) -> None:
         """Raises PecsInputError if the path does not cover the plan or, for a period, does not end where it begins."""
@@ -50,5 +52,4 @@ class CameraPath:
 
 
 def read_camera_path(file: Path) -> CameraPath:
-    times_s, positions_m, quaternions = read_tum(file)
-    return CameraPath(file, times_s, pose_matrix(positions_m, quaternions), sha256(file))
+    return CameraPath(file, *read_tum(file), sha256(file))

@@ -23,7 +23,7 @@ from . import disk, library, paths, settings
 
 @dataclass(frozen=True)
 class Problem:
-    """text: translated. is_error: the job would fail. fix: operator that fixes the problem."""
+    """is_error: the job would fail. fix: operator that fixes the problem."""
 
     text: str
     is_error: bool = True

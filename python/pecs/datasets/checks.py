@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._poses import interpolate
+from .._poses import interpolate, position_quaternion
 from ..sensor import LABELS
 from ._bilinear import neighbours
 from .files import read_object
@@ -195,7 +195,7 @@ def imu(sequence: Sequence) -> dict[str, float] | None:
     metres, degrees = [], []
     for first in range(0, len(samples) - count + 1, count):
         part = samples[first : first + count]
-        start, end = interpolate(part["t_us"][[0, -1]], t_us, world)
+        start, end = interpolate(part["t_us"][[0, -1]], t_us, *position_quaternion(world))
         t_s = part["t_us"] * 1e-6
         poses, _ = integrate(t_s, part["gyro"], part["accel"], start, velocity(t_s[0]))
         metres.append(float(np.linalg.norm(poses[-1, :3, 3] - end[:3, 3])))

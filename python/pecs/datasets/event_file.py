@@ -18,17 +18,12 @@ if TYPE_CHECKING:
 
 
 class EventFile:
-    """Parts of an event file in DSEC's layout, by time or index. The file is opened at the first access, and again in
-    another process.
+    """Parts of an event file in DSEC's layout (.h5), by time or index. The file is opened at the first access, and
+    again in another process.
 
         with EventFile("events.h5") as file:
             events = file.between(10_000, 20_000)      # 10 ms <= t < 20 ms
             events = file.read(0, 5000)                # by index
-
-    Parameters
-    ----------
-    path : Path
-        The file (.h5).
     """
 
     def __init__(self, path: Path):
@@ -83,18 +78,7 @@ class EventFile:
         return int(self._file["events/t"].shape[0])
 
     def read(self, first: int, last: int) -> Events:
-        """Read events by index.
-
-        Parameters
-        ----------
-        first, last : int
-            Indices; `last` is not included.
-
-        Returns
-        -------
-        Events
-            t [us], x, y [pixels], p.
-        """
+        """Read events by index: t [us], x, y [pixels], p of `first` to before `last`."""
         first, last = max(0, first), min(last, len(self))
         out = np.zeros(max(0, last - first), EVENT_DTYPE)
         if len(out):
@@ -104,34 +88,12 @@ class EventFile:
         return Events(out, *self.size)
 
     def blocks(self, size: int = 1 << 20) -> Any:
-        """Iterate over all events.
-
-        Parameters
-        ----------
-        size : int
-            Events in a block. Default 1048576.
-
-        Yields
-        ------
-        Events
-            A block.
-        """
+        """Iterate over all events, in blocks of `size`."""
         for first in range(0, len(self), size):
             yield self.read(first, first + size)
 
     def index(self, t_us: float) -> int:
-        """Index of the first event at a time or later.
-
-        Parameters
-        ----------
-        t_us : float
-            Time [us].
-
-        Returns
-        -------
-        int
-            Index.
-        """
+        """Index of the first event at a time or later."""
         t_us = int(np.ceil(t_us)) - self.t_offset_us
         ms_to_idx = self._file["ms_to_idx"]
         ms = t_us // 1000
@@ -144,18 +106,8 @@ class EventFile:
         return first + int(np.searchsorted(self._file["events/t"][first:last], t_us, "left"))
 
     def ms_to_idx(self, duration_us: int) -> NDArray[np.uint64]:
-        """Index of the first event of each millisecond.
-
-        Parameters
-        ----------
-        duration_us : int
-            Length [us]; longer events lengthen the table.
-
-        Returns
-        -------
-        uint64 array
-            Entry i is the index of the first event with t >= 1000 i us.
-        """
+        """Index of the first event with t >= 1000 i us, for each millisecond i of `duration_us`; longer events lengthen
+        the table."""
         stored, late_ms = self._file["ms_to_idx"][:], self.t_offset_us // 1000
         out = np.full(max(-(-duration_us // 1000) + 1, late_ms + len(stored)), len(self), np.uint64)
         out[:late_ms] = 0
@@ -163,16 +115,5 @@ class EventFile:
         return out
 
     def between(self, start_us: float, end_us: float) -> Events:
-        """Read events by time.
-
-        Parameters
-        ----------
-        start_us, end_us : float
-            Window [us]: start_us <= t < end_us.
-
-        Returns
-        -------
-        Events
-            t [us], x, y [pixels], p.
-        """
+        """Read events by time: t [us], x, y [pixels], p with start_us <= t < end_us."""
         return self.read(self.index(start_us), self.index(end_us))

@@ -40,25 +40,10 @@ GAUSS_MARKOV_PEAK = 0.437 * math.sqrt(2)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a gyroscope or an accelerometer with three equal axes; the unit u is rad/s or m/s^2.
-
-    Parameters
-    ----------
-    noise : float
-        One-sided density of the white noise [u/sqrt(Hz)]. Default 0.
-    bias_floor : float
-        Floor of the Allan deviation [u]. Default 0.
-    bias_time_s : float
-        Correlation time of the bias instability [s]. Default 1.
-    bias_walk : float
-        Random walk of the bias [u/sqrt(s)]. Default 0.
-    turn_on : float
-        Largest turn-on bias [u]. Default 0.
-    range : float
-        Largest value that can be read [u]. Default inf.
-    step : float
-        Step of the converter [u]. Default 0: exact.
-    """
+    """Errors of a gyroscope or an accelerometer with three equal axes; the unit u is rad/s or m/s^2. noise: one-sided
+    density [u/sqrt(Hz)]; bias_floor: of the Allan deviation [u]; bias_time_s: correlation time of the bias instability;
+    bias_walk: random walk [u/sqrt(s)]; turn_on: largest turn-on bias [u]; range: largest value [u]; step: of the
+    converter [u], 0: exact."""
 
     noise: float = 0.0
     bias_floor: float = 0.0
@@ -69,24 +54,7 @@ class Errors:
     step: float = 0.0
 
     def bias(self, count: int, rate_hz: float, turn_on: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw the biases of consecutive samples.
-
-        Parameters
-        ----------
-        count : int
-            Number of samples.
-        rate_hz : float
-            Sampling rate [Hz].
-        turn_on : float
-            Factor of the turn-on bias; 0 after a calibration at rest.
-        rng : numpy.random.Generator
-            Source of the random numbers.
-
-        Returns
-        -------
-        float64 array
-            [count, 3] in u.
-        """
+        """Draw the biases [count, 3] in u of consecutive samples. turn_on: a factor, 0 after calibration at rest."""
         from scipy.signal import lfilter
 
         constant = turn_on * self.turn_on * rng.uniform(-1, 1, 3)
@@ -99,24 +67,7 @@ class Errors:
         return constant + instability + np.cumsum(walk, axis=0) * self.bias_walk / math.sqrt(rate_hz)
 
     def read(self, true: NDArray[np.float64], bias: NDArray[np.float64], rate_hz: float, rng) -> NDArray[np.float64]:
-        """Add bias and noise to true values, clip and round them.
-
-        Parameters
-        ----------
-        true : array
-            [n, 3], values without errors [u].
-        bias : array
-            [n, 3], biases [u], as `bias` returns them.
-        rate_hz : float
-            Sampling rate [Hz].
-        rng : numpy.random.Generator
-            Source of the random numbers.
-
-        Returns
-        -------
-        float64 array
-            [n, 3] in u.
-        """
+        """Add `bias` and noise to `true` values, [n, 3] in u, clip and round them."""
         noise = self.noise * math.sqrt(rate_hz / 2) * rng.standard_normal(true.shape)
         got = np.clip(true + bias + noise, -self.range, self.range - self.step)
         return np.round(got / self.step) * self.step if self.step else got
@@ -124,23 +75,8 @@ class Errors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU: its rate, its errors and its pose in the rig. `Imu.of_part` makes one from a data sheet.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Sampling rate [Hz].
-    gyro : Errors
-        Errors of the gyroscope [rad/s]. Default: none.
-    accel : Errors
-        Errors of the accelerometer [m/s^2]. Default: none.
-    rig_from_imu : array
-        [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
-    turn_on : float
-        Factor of the turn-on bias. Default 0: calibrated at rest.
-    part : str
-        Name of the part, for records. Default "ideal".
-    """
+    """An IMU: its rate, its errors and its pose [4, 4] in the rig (m). `Imu.of_part` makes one from a data sheet.
+    turn_on: factor of the turn-on bias, 0 is calibrated at rest."""
 
     rate_hz: float
     gyro: Errors = Errors()
@@ -159,32 +95,10 @@ class Imu:
         accel_range_g: float | None = None,
         turn_on: float = 0.0,
     ) -> Imu:
-        """Make an IMU from the data sheet of a part.
+        """Make an IMU from the data sheet of a part that `parts` lists; "ideal" has no errors.
 
-        Parameters
-        ----------
-        name : str
-            A name that `parts` lists. "ideal" has no errors.
-        rate_hz : float, optional
-            Sampling rate [Hz], 1 to 1e6. Default: that of the part; 1000 for "ideal".
-        rig_from_imu : array, optional
-            [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
-        gyro_range_dps : float, optional
-            Range of the gyroscope [deg/s], one of the part's. Default: the widest.
-        accel_range_g : float, optional
-            Range of the accelerometer [g], one of the part's. Default: the widest.
-        turn_on : float
-            Factor of the turn-on bias, 0 to 10. Default 0: calibrated at rest.
-
-        Returns
-        -------
-        Imu
-            The IMU.
-
-        Raises
-        ------
-        PecsInputError
-            The part, a range, the rate or the matrix is wrong.
+        Rate [Hz] and ranges are the part's by default, the widest of them; rig_from_imu is its pose [4, 4] in the rig,
+        in m; turn_on a factor of the turn-on bias, 0 to 10 (0: calibrated at rest).
         """
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
         if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
@@ -202,14 +116,8 @@ class Imu:
         return cls(rate, gyro, accel, rig, turn_on, name)
 
     def kalibr(self) -> dict[str, float]:
-        """Return the values of Kalibr's imu.yaml.
-
-        Returns
-        -------
-        dict of str to float
-            Rate [Hz], two-sided noise densities (1/sqrt(2) of the one-sided ones) and random walks of the biases over
-            times that are short against their correlation time.
-        """
+        """Return the values of Kalibr's imu.yaml: rate [Hz], two-sided noise densities (1/sqrt(2) of the one-sided
+        ones) and random walks of the biases over times that are short against their correlation time."""
         values = {"update_rate": self.rate_hz}
         for name, e in (("gyroscope", self.gyro), ("accelerometer", self.accel)):
             walk = math.hypot(e.bias_walk, e.bias_floor / GAUSS_MARKOV_PEAK * math.sqrt(2 / e.bias_time_s))
@@ -218,13 +126,7 @@ class Imu:
 
 
 def parts() -> list[str]:
-    """List the names that `Imu.of_part` accepts.
-
-    Returns
-    -------
-    list of str
-        The parts with a data sheet, and "ideal".
-    """
+    """List the names that `Imu.of_part` accepts: parts with a data sheet, and "ideal"."""
     return [*sorted(path.stem for path in PARTS.glob("*.json")), "ideal"]
 
 
@@ -247,21 +149,8 @@ def _errors(data: Mapping, option: str, wanted: float | None) -> Errors:
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of an IMU, and the biases in them as ground truth, in the axes of the IMU.
-
-    Attributes
-    ----------
-    t_ns : int64 array
-        [n], times [ns].
-    gyro_rad_s : float64 array
-        [n, 3], angular rates [rad/s].
-    accel_m_s2 : float64 array
-        [n, 3], specific forces [m/s^2].
-    gyro_bias_rad_s : float64 array
-        [n, 3], biases of the gyroscope [rad/s].
-    accel_bias_m_s2 : float64 array
-        [n, 3], biases of the accelerometer [m/s^2].
-    """
+    """Samples of an IMU, [n, 3] at times [n] in its own axes, and the biases in them as ground truth. Accelerometers
+    measure specific force."""
 
     t_ns: NDArray[np.int64]
     gyro_rad_s: NDArray[np.float64]
@@ -271,40 +160,14 @@ class Samples:
 
 
 def sample_times_ns(duration_s: float, rate_hz: float) -> NDArray[np.int64]:
-    """Return the times of an IMU's samples.
-
-    Parameters
-    ----------
-    duration_s : float
-        End of the samples [s].
-    rate_hz : float
-        Sampling rate [Hz].
-
-    Returns
-    -------
-    int64 array
-        Times from 0 [ns]; the last one is at `duration_s` or less than a period before it.
-    """
+    """Return the times of an IMU's samples from 0 [ns]; the last one is at `duration_s` or less than a period before
+    it."""
     return np.round(np.arange(math.floor(duration_s * rate_hz * (1 + 1e-12)) + 1) * (1e9 / rate_hz)).astype(np.int64)
 
 
 def measure(trajectory: Trajectory, imu: Imu, rng: np.random.Generator) -> Samples:
-    """Simulate the samples of an IMU over a whole trajectory.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Motion of the rig.
-    imu : Imu
-        The IMU.
-    rng : numpy.random.Generator
-        The same generator, trajectory and IMU give the same bits.
-
-    Returns
-    -------
-    Samples
-        With the biases in them.
-    """
+    """Simulate the samples of an IMU over a whole trajectory of its rig. The same generator, trajectory and IMU give
+    the same bits."""
     t_ns = sample_times_ns(trajectory.duration_s, imu.rate_hz)
     true = ideal(trajectory, t_ns * 1e-9, imu.rig_from_imu)
     errors = (imu.gyro, imu.accel)
@@ -316,23 +179,10 @@ def measure(trajectory: Trajectory, imu: Imu, rng: np.random.Generator) -> Sampl
 def ideal(
     trajectory: Trajectory, t_s: ArrayLike, rig_from_imu: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return angular rates and specific forces without errors.
+    """Return angular rates [rad/s] and specific forces [m/s^2] without errors, [n, 3] each, at times [n] in s.
 
-    They are w, and R^T (a + g) + w' x r + w x (w x r) at the lever arm r, in the axes of the IMU.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Motion of the rig.
-    t_s : array
-        [n], times within the trajectory [s].
-    rig_from_imu : array, optional
-        [4, 4], pose of the IMU in the rig, translation in m. Default: identity.
-
-    Returns
-    -------
-    (float64 array, float64 array)
-        Angular rates [n, 3] in rad/s, and specific forces [n, 3] in m/s^2.
+    They are w, and R^T (a + g) + w' x r + w x (w x r) at the lever arm r, in the axes of the IMU, whose pose in the rig
+    is `rig_from_imu` [4, 4] (default: identity).
     """
     s, rig = trajectory.state(t_s), np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
     turn, lever = rig[:3, :3], rig[:3, 3]
@@ -346,28 +196,11 @@ def ideal(
 def integrate(
     t_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike, world_from_imu: ArrayLike, velocity_m_s: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Integrate samples of an IMU to poses and velocities (strapdown).
+    """Integrate samples [n, 3] of an IMU (strapdown) from the first pose [4, 4] and velocity [3]; returns poses
+    world_from_imu [n, 4, 4] and velocities [n, 3] in m/s.
 
     Rates between samples are a spline of degree 5; a step's rotation is Magnus' expansion of fourth order (Iserles et
     al. 2000, eq. 4.19). Velocity and position are integrals of the spline of the force in the world.
-
-    Parameters
-    ----------
-    t_s : array
-        [n], increasing times [s].
-    gyro_rad_s : array
-        [n, 3], angular rates [rad/s].
-    accel_m_s2 : array
-        [n, 3], specific forces [m/s^2].
-    world_from_imu : array
-        [4, 4], pose at the first time, translation in m.
-    velocity_m_s : array
-        [3], velocity at the first time [m/s], in world coordinates.
-
-    Returns
-    -------
-    (float64 array, float64 array)
-        Poses world_from_imu [n, 4, 4], and velocities [n, 3] in m/s.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.spatial.transform import Rotation

@@ -1,34 +1,32 @@
-"""Motions of a camera as formulas of time, each with exact derivatives (taylor.py). trajectories.py draws them.
+"""A camera's motion: its clock, and pose and derivatives at any time. trajectories.py draws motions.
 
-World: z up, metres. Body: the camera's axes, x right, y down, z ahead (OpenCV). A path knows two clocks, both series of
-the true time: `clock` stands still in pauses and otherwise runs as time does (what shakes by itself follows it), `way`
-runs `speed` times as fast (what goes along the path follows it).
+World: z up, metres. Body: the camera's axes, x right, y down, z ahead (OpenCV). A path has two clocks: `clock` stands
+still in pauses and otherwise runs as time does (shake follows it), `way` runs `speed` times as fast (the motion along
+the path follows it).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline, PPoly, make_interp_spline, make_lsq_spline
+from scipy.spatial.transform import Rotation
 
 from .. import _poses as poses
 from .._errors import PecsInputError
-from . import taylor
-from .taylor import Piecewise, Rotation, Series, Vector, cross, unit
 
 GRAVITY_M_S2 = 9.80665  # standard gravity, 3rd CGPM 1901
-UP = (0.0, 0.0, 1.0)
+RATE_HZ = 1000  # of the samples that a trajectory interpolates; tremor ends at 12 Hz
+MAX_SAMPLES = 1 << 20
 
-
-class Path(Protocol):
-    """frame() is given series of at least `order`; its rotation's may be two orders shorter."""
-
-    order: int
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]: ...
+Array = NDArray[np.float64]
+# (t_s, clock_s, way_s), [n] each, evenly spaced -> positions [n, 3] in m, world_from_body
+Path = Callable[[Array, Array, Array], tuple[Array, Rotation]]
 
 
 @dataclass(frozen=True)
@@ -52,27 +50,28 @@ class Clock:
     @property
     def way_s(self) -> float:
         """Length of the way at the end [s]."""
-        return float(self(np.array([self.duration_s]), 0)[1].values()[0])
+        return float(self(self.duration_s)[1])
 
-    def __call__(self, t_s: ArrayLike, order: int) -> tuple[Series, Series]:
-        """Series of the clock and of the way."""
-        t = Series.variable(t_s, order)
-        clock = self._clock(t)
-        end = self._clock(Series.variable([self.duration_s], 0)).values()[0]
-        first, last = self.speed
-        growth = math.log(last / first)
-        if abs(growth) < 1e-9 or end == 0:
-            return clock, clock * first
-        return clock, ((clock * (growth / end)).exp() - 1) * (first * end / growth)
+    def __call__(self, t_s: ArrayLike) -> tuple[Array, Array]:
+        """Clock and way [s] at times [s]."""
+        clock, growth = self._pieces(t_s) - self._pieces(0.0), self._growth_per_s
+        return clock, self.speed[0] * (np.expm1(growth * clock) / growth if growth else clock)
 
-    def _clock(self, t: Series) -> Series:
-        if not self.pauses:
-            return t
-        pieces = self._pieces()
-        begin = pieces(Series.variable([0.0], 0)).values()[0]
-        return pieces(t) - begin
+    def rates(self, t_s: Array) -> tuple[Array, Array]:
+        """First and second derivative of the way [1, 1/s]."""
+        rate, change = self._pieces(t_s, 1), self._pieces(t_s, 2)
+        speed = self.speed[0] * np.exp(self._growth_per_s * self(t_s)[0])
+        return speed * rate, speed * (change + self._growth_per_s * rate**2)
 
-    def _pieces(self) -> Piecewise:
+    @cached_property
+    def _growth_per_s(self) -> float:
+        """Of the logarithm of the speed, over the clock."""
+        end = float(self._pieces(self.duration_s) - self._pieces(0.0))
+        growth = math.log(self.speed[1] / self.speed[0])
+        return growth / end if end and abs(growth) >= 1e-9 else 0.0
+
+    @cached_property
+    def _pieces(self) -> PPoly:
         # The integral of S(u) = 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7; it is 1/2 at u = 1.
         rise = np.array([-2.5, 10.0, -14.0, 7.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         powers = np.arange(8, -1, -1)
@@ -80,7 +79,7 @@ class Clock:
         run[7] = 1
         up = rise * self.ramp_s ** (1.0 - powers)
         down = run - up
-        breaks, columns, value = [min(0.0, self.pauses[0][0] - self.ramp_s) - 1.0], [run], 0.0
+        breaks, columns, value = [min([0.0, *(start - self.ramp_s for start, _ in self.pauses)]) - 1.0], [run], 0.0
         for start, length in self.pauses:
             value += start - self.ramp_s - breaks[-1]
             for at, piece, gain in (
@@ -94,51 +93,40 @@ class Clock:
                 value += gain
                 breaks.append(at)
                 columns.append(piece)
-        return Piecewise(np.array(columns).T, [*breaks, math.inf])
+        return PPoly(np.array(columns).T, [*breaks, breaks[-1] + 1.0])
+
+    @property
+    def breaks_s(self) -> Array:
+        """Ends of the parts in which the clock is one polynomial, from 0 to the duration [s]."""
+        inner = self._pieces.x[1:-1]
+        return np.unique([0.0, *inner[(inner > 0) & (inner < self.duration_s)], self.duration_s])
 
 
 @dataclass(frozen=True)
 class State:
-    """A trajectory at n times.
+    """A trajectory at n times: vectors [n, 3], positions in world coordinates and angles in body coordinates, and
+    rotation matrices [n, 3, 3]."""
 
-    Attributes
-    ----------
-    position_m, velocity_m_s, acceleration_m_s2 : float64 array
-        [n, 3] in world coordinates [m, m/s, m/s^2].
-    world_from_body : float64 array
-        [n, 3, 3], rotation matrices.
-    angular_velocity_rad_s, angular_acceleration_rad_s2 : float64 array
-        [n, 3] in body coordinates [rad/s, rad/s^2].
-    """
-
-    position_m: NDArray[np.float64]
-    velocity_m_s: NDArray[np.float64]
-    acceleration_m_s2: NDArray[np.float64]
-    world_from_body: NDArray[np.float64]
-    angular_velocity_rad_s: NDArray[np.float64]
-    angular_acceleration_rad_s2: NDArray[np.float64]
+    position_m: Array
+    velocity_m_s: Array
+    acceleration_m_s2: Array
+    world_from_body: Array
+    angular_velocity_rad_s: Array
+    angular_acceleration_rad_s2: Array
 
 
 class Trajectory:
     """Pose and exact derivatives at any time of a path. `plan` makes trajectories.
 
-    The body's axes are x right, y down, z ahead; the world's z is up. Methods raise PecsInputError for times outside
-    the trajectory.
-
-    Parameters
-    ----------
-    path : Path
-        Formulas of the motion.
-    clock : Clock
-        Duration, pauses and speed.
-    kind : str
-        Name of the kind, for records. Default "".
-    drawn : dict, optional
-        Values that were drawn, for records in JSON. Default: none.
+    It is a spline of degree 5 through 1000 poses a second of the path, one for each polynomial of the clock. The body's
+    axes are x right, y down, z ahead; the world's z is up. Methods raise PecsInputError for times t_s [n] outside 0 to
+    duration_s [s]. `kind` and the values that were `drawn` are for records.
     """
 
     def __init__(self, path: Path, clock: Clock, kind: str = "", drawn: dict | None = None):
-        self.path, self.clock, self.kind, self.drawn = path, clock, kind, drawn or {}
+        self.clock, self.kind, self.drawn = clock, kind, drawn or {}
+        self._breaks = clock.breaks_s
+        self._parts = [_part(path, clock, *ends) for ends in zip(self._breaks, self._breaks[1:], strict=False)]
 
     @property
     def duration_s(self) -> float:
@@ -146,265 +134,107 @@ class Trajectory:
         return self.clock.duration_s
 
     def state(self, t_s: ArrayLike) -> State:
-        """Return pose, velocities and accelerations.
+        """Return pose, velocities and accelerations."""
+        (p, q), (dp, dq), (ddp, ddq) = (self._rows(t_s, k) for k in range(3))
+        # q' = q w / 2 with w in body coordinates, for quaternions of any length
+        square = (q * q).sum(axis=1, keepdims=True)
+        w, dw = (2 * _conjugate_product(q, d) / square for d in (dq, ddq))
+        dw -= w * 2 * (q * dq).sum(axis=1, keepdims=True) / square
+        return State(p, dp, ddp, poses.matrix_from_quaternion(q), w, dw)
 
-        Parameters
-        ----------
-        t_s : array
-            [n], times from 0 to `duration_s` [s].
+    def positions(self, t_s: ArrayLike) -> Array:
+        """Return positions [n, 3] in m, in world coordinates."""
+        return self._rows(t_s)[0]
 
-        Returns
-        -------
-        State
-            At these times.
-        """
-        position, rotation = self._series(t_s, max(self.path.order, 2))
-        r, r1, r2 = (taylor.matrices(rotation, k) for k in range(3))
-        back = np.swapaxes(r, -1, -2)
-        return State(
-            taylor.values(position),
-            taylor.values(position, 1),
-            taylor.values(position, 2),
-            r,
-            _axis(back @ r1),  # R' = R [w]x
-            _axis(back @ r2),  # R'' = R ([w]x^2 + [w']x), and the square is symmetric
-        )
+    def pose(self, t_s: ArrayLike) -> tuple[Array, Array]:
+        """Return positions [n, 3] in m, and unit quaternions [n, 4] (x y z w) of world_from_body."""
+        position, quaternion = self._rows(t_s)
+        return position, Rotation.from_quat(quaternion).as_quat(canonical=True)
 
-    def positions(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """Return positions.
+    def matrices(self, t_s: ArrayLike) -> Array:
+        """Return world_from_body [n, 4, 4], translations in m."""
+        return poses.pose_matrix(*self._rows(t_s))
 
-        Parameters
-        ----------
-        t_s : array
-            [n], times from 0 to `duration_s` [s].
-
-        Returns
-        -------
-        float64 array
-            [n, 3] in m, in world coordinates.
-        """
-        return taylor.values(self._series(t_s, self.path.order - 2)[0])
-
-    def pose(self, t_s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return positions and quaternions.
-
-        Parameters
-        ----------
-        t_s : array
-            [n], times from 0 to `duration_s` [s].
-
-        Returns
-        -------
-        (float64 array, float64 array)
-            Positions [n, 3] in m, and unit quaternions [n, 4] (x y z w) of world_from_body.
-        """
-        position, rotation = self._series(t_s, self.path.order - 2)
-        return taylor.values(position), poses.quaternion_from_matrix(taylor.matrices(rotation))
-
-    def matrices(self, t_s: ArrayLike) -> NDArray[np.float64]:
-        """Return pose matrices.
-
-        Parameters
-        ----------
-        t_s : array
-            [n], times from 0 to `duration_s` [s].
-
-        Returns
-        -------
-        float64 array
-            world_from_body [n, 4, 4], translations in m.
-        """
-        return poses.pose_matrix(*self.pose(t_s))
-
-    def _series(self, t_s: ArrayLike, order: int) -> tuple[Vector, Rotation]:
+    def _rows(self, t_s: ArrayLike, derivative: int = 0) -> tuple[Array, Array]:
+        """Positions [n, 3] and quaternions [n, 4], or a derivative of them."""
         t = np.atleast_1d(np.asarray(t_s, float))
         if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration_s + 1e-9):
             raise PecsInputError(f"times: got {t.min():g} to {t.max():g} s, wanted within 0 to {self.duration_s:g} s")
-        return self.path.frame(*self.clock(np.clip(t, 0.0, self.duration_s), order))
+        t = np.clip(t, 0.0, self.duration_s)
+        part = np.searchsorted(self._breaks[1:-1], t)
+        rows = np.empty((len(t), 7))
+        for k, (first, spline) in enumerate(self._parts):
+            rows[part == k] = spline(t[part == k], derivative) + (first if derivative == 0 else 0.0)
+        return rows[:, :3], rows[:, 3:]
 
 
-def _axis(m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vector of a matrix's antisymmetric part."""
-    return np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=-1) / 2
+def _part(path: Path, clock: Clock, start_s: float, end_s: float) -> tuple[Array, BSpline]:
+    """The first row (position, quaternion), and a spline of the differences from it: zero where the clock stands."""
+    wanted = math.ceil((end_s - start_s) * RATE_HZ * max(1.0, *clock.speed))
+    t = np.linspace(start_s, end_s, min(max(wanted, 32), MAX_SAMPLES) + 1)
+    position, rotation = path(t, *clock(t))
+    rows = np.concatenate([position, of_one_sign(rotation.as_quat())], axis=1)
+    return rows[0], make_interp_spline(t, rows - rows[0], 5)
 
 
-# Attitudes
+def _conjugate_product(a: Array, b: Array) -> Array:
+    """The vector part [n, 3] of conj(a) b."""
+    return a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3])
 
 
-def looking(ahead: Vector) -> Rotation:
-    """A level camera that looks along `ahead`, which is not vertical."""
+# Parts of paths
+
+
+def of_one_sign(q: Array) -> Array:
+    """Quaternions [n, 4] without jumps from q to -q."""
+    flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1, 1))
+    return q * np.concatenate([[1], flips])[:, None]
+
+
+def spline(t: ArrayLike, values: ArrayLike, degree: int, knot_s: float | None = None) -> BSpline:
+    """A spline of `degree` (odd), degree - 1 times continuously differentiable, through values [n, m] at t [n]; with
+    knot_s, the one with knots that far apart that comes nearest (least squares).
+
+    Interpolating ones are natural: derivatives (degree + 1)/2 … degree - 1 vanish at the ends. Of all functions through
+    the points, that has the least integral of the squared derivative (degree + 1)/2: degree 7 is the minimum snap
+    (Mellinger & Kumar 2011) of a flight cut out of a longer one.
+    """
+    t, values = np.asarray(t, float), np.asarray(values, float)
+    if knot_s is not None and (inner := round((t[-1] - t[0]) / knot_s)) * 2 < len(t) - degree:
+        knots = np.linspace(t[0], t[-1], max(inner, 1) + 1)
+        return make_lsq_spline(t, values, np.r_[[t[0]] * degree, knots, [t[-1]] * degree], degree)
+    if len(t) < (degree + 1) // 2:  # a polynomial through so few points has no such derivatives
+        return make_interp_spline(t, values, len(t) - 1)
+    ends = [(k, np.zeros(values.shape[1])) for k in range((degree + 1) // 2, degree)]
+    return make_interp_spline(t, values, degree, bc_type=(ends, ends))
+
+
+def unit(v: Array) -> Array:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def looking(ahead: Array) -> Rotation:
+    """Level cameras that look along `ahead` [n, 3], which is not vertical."""
     z = unit(ahead)
-    x = unit(cross(z, UP))
-    return x, cross(z, x), z
+    x = unit(np.cross(z, [0.0, 0.0, 1.0]))
+    return Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=-1))
 
 
-def looking_at(position: Vector, target: ArrayLike) -> Rotation:
-    return looking(tuple(float(c) - p for c, p in zip(target, position, strict=True)))
-
-
-def direction(yaw: Series, pitch: Series) -> Vector:
-    """yaw counter-clockwise from the world's +x, pitch up; radians."""
-    (sy, cy), (sp, cp) = yaw.sin_cos(), pitch.sin_cos()
-    return cy * cp, sy * cp, sp
+def small_turn(pitch: ArrayLike, yaw: ArrayLike, roll: ArrayLike) -> Rotation:
+    """Rz(roll) Ry(yaw) Rx(pitch) about a camera's axes (x right, y down, z ahead): positive pitch looks up, yaw
+    right."""
+    return Rotation.from_euler("xyz", np.stack(np.broadcast_arrays(pitch, yaw, roll), axis=-1))
 
 
 @dataclass(frozen=True)
 class Waves:
-    """Sums of sines, one per row: amplitudes, phases_rad [rows, m], at frequencies_hz [m]. Their value at time 0 is
-    left in."""
+    """Sums of sines and cosines, one per row: their amplitudes [rows, m] at frequencies_hz [m]."""
 
-    frequencies_hz: NDArray[np.float64]
-    amplitudes: NDArray[np.float64]
-    phases_rad: NDArray[np.float64]
+    frequencies_hz: Array
+    sines: Array
+    cosines: Array
 
-    def __call__(self, t: Series) -> list[Series]:
-        c = np.zeros((len(self.amplitudes), *t.c.shape))
-        for k, frequency in enumerate(self.frequencies_hz):
-            sine, cosine = (t * (2 * math.pi * frequency)).sin_cos()
-            a, phase = self.amplitudes[:, k, None, None], self.phases_rad[:, k, None, None]
-            c += a * (np.cos(phase) * sine.c + np.sin(phase) * cosine.c)
-        return [Series(row) for row in c]
-
-
-# Paths
-
-
-@dataclass(frozen=True)
-class Drone:
-    """A quadrotor: its thrust carries gravity and acceleration, so that its axis is their sum's direction; yaw along a
-    spline, or towards a target (Mellinger & Kumar 2011, section III). pitch_rad: of the camera on the body, up."""
-
-    position: list[Piecewise]  # 3
-    yaw: Piecewise | None  # rad; or
-    target: tuple[float, float, float] | None
-    pitch_rad: float
-    order: int = 4  # the attitude's second derivative is the position's fourth
-
-    def thrust(self, position: Vector) -> Vector:
-        """Thrust per mass [m/s^2]."""
-        x, y, z = (p.derivative(2) for p in position)
-        return x, y, z + GRAVITY_M_S2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        position = tuple(p(way) for p in self.position)
-        zb = unit(self.thrust(position))
-        order = len(zb[0].c) - 1
-        if self.yaw is not None:
-            sine, cosine = self.yaw(way.truncated(order)).sin_cos()
-            heading = (cosine, sine, sine * 0)
-        else:
-            x, y = (float(c) - p.truncated(order) for c, p in zip(self.target[:2], position, strict=False))
-            heading = (x, y, x * 0)
-        left = unit(cross(zb, heading))
-        body = (tuple(-c for c in left), tuple(-c for c in zb), cross(left, zb))
-        zero = zb[0] * 0
-        return position, taylor.turned(body, taylor.small_turn(zero + self.pitch_rad, zero, zero))
-
-
-@dataclass(frozen=True)
-class HandHeld:
-    """A spline; looks at a target or along a spline of yaw and pitch; `wander` (rad, on the way) and `shake` (metres
-    along the camera's axes, then rad about them: up, right, clockwise; on the clock) come on top."""
-
-    position: list[Piecewise]
-    gaze: list[Piecewise] | None  # yaw, pitch [rad]; or
-    target: tuple[float, float, float] | None
-    wander: list[Piecewise] | None  # pitch, yaw [rad]
-    shake: Waves  # 6 rows
-    order: int = 2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        position = tuple(p(way) for p in self.position)
-        view = looking(direction(*(g(way) for g in self.gaze))) if self.gaze else looking_at(position, self.target)
-        dx, dy, dz, pitch, yaw, roll = self.shake(clock)
-        if self.wander:
-            pitch, yaw = (w(way) + s for w, s in zip(self.wander, (pitch, yaw), strict=True))
-        rotation = taylor.turned(view, taylor.small_turn(pitch, yaw, roll))
-        x, y, z = view
-        moved = tuple(position[i] + x[i] * dx + y[i] * dy + z[i] * dz for i in range(3))
-        return moved, rotation
-
-
-@dataclass(frozen=True)
-class Vehicle:
-    """A planar spline at a fixed height, looking along its tangent; `shake`: heave [m], pitch, roll [rad], on the
-    clock."""
-
-    position: list[Piecewise]  # x, y
-    height_m: float
-    pitch_rad: float
-    shake: Waves  # 3 rows
-    order: int = 2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        heave, pitch, roll = self.shake(clock)
-        x, y = (p(way) for p in self.position)
-        u, v = (p.derivative()(way) for p in self.position)
-        rotation = taylor.turned(looking((u, v, u * 0)), taylor.small_turn(pitch + self.pitch_rad, u * 0, roll))
-        return (x, y, heave + self.height_m), rotation
-
-
-@dataclass(frozen=True)
-class Orbit:
-    """An orbit about a point that the camera looks at: radius and height are sines of the way."""
-
-    centre: tuple[float, float, float]
-    radius_m: float
-    height_m: float
-    bob_m: float
-    rate_rad_s: float
-    start_rad: float
-    bob_phase_rad: float
-    order: int = 2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        sine, cosine = (way * self.rate_rad_s + self.start_rad).sin_cos()
-        bob, _ = (way * (1.7 * self.rate_rad_s) + self.bob_phase_rad).sin_cos()  # 1.7: successive rounds differ
-        x, y, z = self.centre
-        position = (cosine * self.radius_m + x, sine * self.radius_m + y, bob * self.bob_m + z + self.height_m)
-        return position, looking_at(position, self.centre)
-
-
-@dataclass(frozen=True)
-class Still:
-    position_m: tuple[float, float, float]
-    ahead: tuple[float, float, float]
-    order: int = 2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        zero = way * 0
-        position, ahead = (tuple(zero + c for c in v) for v in (self.position_m, self.ahead))
-        return position, looking(ahead)
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """Splines of a recording: positions, and quaternions (x y z w) of one sign, made unit. world_from_recorded and
-    body_from_camera [4, 4] place the recording in the scene and the camera on the recorded body."""
-
-    position: list[Piecewise]
-    quaternion: list[Piecewise]
-    start_s: float
-    world_from_recorded: NDArray[np.float64]
-    body_from_camera: NDArray[np.float64]
-    order: int = 2
-
-    def frame(self, clock: Series, way: Series) -> tuple[Vector, Rotation]:
-        at = way + self.start_s
-        p = [f(at) for f in self.position]
-        x, y, z, w = (f(at) for f in self.quaternion)
-        two = 2 / (x * x + y * y + z * z + w * w)
-        body = (
-            (1 - (y * y + z * z) * two, (x * y + z * w) * two, (x * z - y * w) * two),
-            ((x * y - z * w) * two, 1 - (x * x + z * z) * two, (y * z + x * w) * two),
-            ((x * z + y * w) * two, (y * z - x * w) * two, 1 - (x * x + y * y) * two),
-        )
-        (world, origin), (local, lever) = (
-            (m[:3, :3], m[:3, 3]) for m in (self.world_from_recorded, self.body_from_camera)
-        )
-        body = taylor.turned(tuple(map(tuple, world.T)), body)
-        position = tuple(
-            sum((world[i, k] * p[k] for k in range(3)), sum((body[k][i] * lever[k] for k in range(3)), origin[i]))
-            for i in range(3)
-        )
-        return position, taylor.turned(body, tuple(map(tuple, local.T)))
+    def __call__(self, t_s: Array) -> Array:
+        """[rows, n]; the value at time 0 is left in."""
+        angle = 2 * math.pi * np.outer(self.frequencies_hz, t_s)
+        return self.sines @ np.sin(angle) + self.cosines @ np.cos(angle)

@@ -27,7 +27,7 @@ SPLITS = ("train", "val", "test")
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
 RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
     *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "subpixels"),
-    *("samples", "noise_events", "no_denoise", "light_tree", "device", "colour_tolerance_px"),
+    *("samples", "noise_events", "no_denoise", "light_tree", "device"),
 )
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 

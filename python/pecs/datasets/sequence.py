@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._config import Fields
 from .._errors import bad_input, existing
-from .._poses import interpolate, pose_matrix, read_euroc_imu, read_tum
+from .._poses import interpolate, pose_matrix, position_quaternion, read_euroc_imu, read_tum
 from ..events import Events, read
 from ..sensor import LABELS
 from .event_file import EventFile
@@ -53,15 +53,7 @@ class Frame:
 
 
 class Camera:
-    """A camera of the rig. Its recordings are read when they are used; `truth` is its `Truth`.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the camera.
-    entry : dict
-        Its entry in sequence.json.
-    """
+    """A camera of the rig. Its recordings are read when they are used; `truth` is its `Truth`."""
 
     def __init__(self, folder: Path, entry: Fields):
         self._within: set[tuple[Path, int]] = set()  # files, as last changed, whose values were checked
@@ -97,62 +89,27 @@ class Camera:
         return self.folder / "events.h5"
 
     def events(self) -> Events:
-        """All events.
-
-        Returns
-        -------
-        Events
-            t [us], x, y [pixels], p.
-        """
+        """All events: t [us], x, y [pixels], p."""
         events = read(existing(self.events_path, "the events of an event camera"), "dsec")
         if (events.width, events.height) != (self.width, self.height):
             raise bad_input(self.events_path, "size", (events.width, events.height), f"{(self.width, self.height)}")
         return events
 
     def event_file(self) -> EventFile:
-        """The events by time or index, without reading all of them.
-
-        Returns
-        -------
-        EventFile
-            The open file.
-        """
+        """The events by time or index, without reading all of them."""
         return EventFile(existing(self.events_path, "the events of an event camera"))
 
     def has(self, name: str) -> bool:
-        """Whether the events have labels.
-
-        Parameters
-        ----------
-        name : str
-            "causes" or "objects".
-
-        Returns
-        -------
-        bool
-            True if they have.
-        """
+        """Whether the events have labels of that name, "causes" or "objects"."""
         return (self.folder / f"{name}.npy").is_file()
 
     def causes(self) -> NDArray[np.uint8]:
-        """The cause of each event.
-
-        Returns
-        -------
-        uint8 array
-            [n], indices into `pecs.sensor.LABELS`.
-        """
+        """The cause of each event, [n] indices into `pecs.sensor.LABELS`."""
         causes = read_array(self.folder / "causes.npy", "the cause of each event", "u1", (-1,))
         return self._per_event(causes, len(LABELS))
 
     def objects(self) -> NDArray[np.uint16]:
-        """The object that the pixel of each event saw at the event's time.
-
-        Returns
-        -------
-        uint16 array
-            [n], ids; 0: none or unknown.
-        """
+        """The id of the object that the pixel of each event saw at the event's time, [n]; 0: none or unknown."""
         return self._per_event(read_array(self.folder / "objects.npy", "the object of each event", "<u2", (-1,)))
 
     @cached_property
@@ -171,24 +128,12 @@ class Camera:
         return values
 
     def rectify_map(self) -> NDArray[np.float32]:
-        """The place of each pixel in the undistorted (stereo: rectified) image.
-
-        Returns
-        -------
-        float32 array
-            [H, W, 2], x and y [pixels] of K_rect.
-        """
+        """Places of the pixels in the undistorted (stereo: rectified) image: [H, W, 2], x and y [pixels] of K_rect."""
         path = self.folder / "rectify_map.npy"
         return read_array(path, "the rectification map", "<f4", (self.height, self.width, 2))
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Poses as rendered.
-
-        Returns
-        -------
-        (float64 array, float64 array)
-            Times [n] in us, and world_from_camera [n, 4, 4].
-        """
+        """Poses as rendered: times [n] in us, and world_from_camera [n, 4, 4]."""
         times_us, poses = self._poses
         return times_us.copy(), poses.copy()
 
@@ -197,33 +142,15 @@ class Camera:
         return read_poses(self._pixels / "camera_path.txt")
 
     def poses_at(self, times_us: ArrayLike) -> NDArray[np.float64]:
-        """Poses at any times, interpolated on the shortest rotation.
-
-        Parameters
-        ----------
-        times_us : array
-            [n], times [us].
-
-        Returns
-        -------
-        float64 array
-            world_from_camera, [n, 4, 4].
-        """
-        return interpolate(times_us, *self.poses())
+        """Poses world_from_camera [n, 4, 4] at any times [us], interpolated on the shortest rotation."""
+        times, matrices = self.poses()
+        return interpolate(times_us, times, *position_quaternion(matrices))
 
     def scene_flow(self, i: int) -> NDArray[np.float64]:
-        """Motion in the world of the surface points at the pixels' centres, until the next instant.
+        """Motion of the surface points at the pixels' centres from instant i of `truth.times_us` to the next.
 
-        Parameters
-        ----------
-        i : int
-            Index into `truth.times_us`.
-
-        Returns
-        -------
-        float64 array
-            [H, W, 3] in m, in the axes of the world; 0 for still surfaces, NaN where it is unknown and where there is
-            no surface.
+        [H, W, 3] in m, in the axes of the world; 0 for still surfaces, NaN where it is unknown and where there is no
+        surface.
         """
         move = self.truth.layer("motion", i, ("x_end", "y_end", "z", "z_end"))
         y, x = np.mgrid[: self.height, : self.width] + 0.5
@@ -238,39 +165,19 @@ class Camera:
     def tracks(
         self, points_px: ArrayLike, at_us: float, times_us: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow surface points through the sequence.
+        """Follow surface points [n, 2] (x and y [pixels], the first pixel's centre at 0) from a time through others.
 
             positions, seen = camera.tracks([[120.5, 80]], 0, np.arange(0, 100_001, 1000))
 
-        Points follow the poses of their objects and of the camera. Poses of objects are interpolated between instants
-        of the truth; a point is visible there if it is at the instants before and after.
-
-        Parameters
-        ----------
-        points_px : array
-            [n, 2], x and y [pixels]; the first pixel's centre is at 0.
-        at_us : float
-            Time [us] of `points_px`.
-        times_us : array
-            [m], times [us] within the truth.
-
-        Returns
-        -------
-        (float64 array, bool array)
-            Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
-            objects that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes
-            to the pixel.
+        Positions [m, n, 2], also of hidden points and outside the image, and visibility [m, n]. NaN and False for
+        objects that deform (`truth.deforming`), for infinite distance, and where no point of either instant comes to
+        the pixel. Points follow the poses of their objects and of the camera. Poses of objects are interpolated between
+        instants of the truth; a point is visible there if it is at the instants before and after.
         """
         return follow(self, points_px, at_us, times_us)
 
     def frames(self) -> list[Frame]:
-        """The images of an RGB camera.
-
-        Returns
-        -------
-        list of Frame
-            By time; empty for other cameras.
-        """
+        """The images of an RGB camera by time; empty for other cameras."""
         return list(self._frames)
 
     @cached_property
@@ -316,20 +223,7 @@ class Camera:
 
 
 class Sequence:
-    """A sequence of a data set.
-
-    Parameters
-    ----------
-    folder : str or path
-        Folder that contains sequence.json.
-
-    Attributes
-    ----------
-    info : dict
-        Content of sequence.json.
-    cameras : dict of str to Camera
-        By name, in the order of sequence.json.
-    """
+    """A sequence of a data set: a folder with sequence.json, whose content is `info`; `cameras` are by name."""
 
     def __init__(self, folder: str | PathLike[str]):
         self.folder = Path(folder)
@@ -364,33 +258,12 @@ class Sequence:
         return f"<Sequence {self.name!r}: {self.duration_us / 1e6:g} s, {', '.join(self.cameras)}>"
 
     def of_kind(self, kind: str) -> list[Camera]:
-        """The cameras of a kind.
-
-        Parameters
-        ----------
-        kind : str
-            "events" or "rgb".
-
-        Returns
-        -------
-        list of Camera
-            In the order of sequence.json.
-        """
+        """The cameras of a kind ("events" or "rgb"), in the order of sequence.json."""
         return [camera for camera in self.cameras.values() if camera.kind == kind]
 
     def stereo_pairs(self, kind: str = "events") -> list[tuple[Camera, Camera]]:
-        """The stereo pairs of a kind.
-
-        Parameters
-        ----------
-        kind : str
-            "events" (default) or "rgb".
-
-        Returns
-        -------
-        list of (Camera, Camera)
-            Left and right: the right one's centre has the greater x in the rectified image.
-        """
+        """The stereo pairs (left, right) of a kind, "events" or "rgb": the right one's centre has the greater x in the
+        rectified image."""
         pairs = []
         for camera in self.of_kind(kind):
             other = self.cameras.get(camera.partner or "")
@@ -399,24 +272,12 @@ class Sequence:
         return pairs
 
     def poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Poses of the rig.
-
-        Returns
-        -------
-        (float64 array, float64 array)
-            Times [n] in us, and world_from_rig [n, 4, 4].
-        """
+        """Poses of the rig: times [n] in us, and world_from_rig [n, 4, 4]."""
         return read_poses(self.folder / "poses.txt")
 
     def imu(self) -> NDArray[Any] | None:
-        """The samples of the IMU.
-
-        Returns
-        -------
-        structured array or None
-            `IMU_DTYPE`: t_us; gyro [rad/s] and accel [m/s^2, specific force] in the axes of the IMU. None without an
-            IMU.
-        """
+        """The samples of the IMU (`IMU_DTYPE`): t_us; gyro [rad/s] and accel [m/s^2, specific force] in the axes of the
+        IMU. None without an IMU."""
         if self.info.get("imu") is None:
             return None
         t_ns, gyro, accel = read_euroc_imu(existing(self.folder / "imu.csv", "the IMU's samples"))
@@ -461,19 +322,6 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def sequences(folder: str | PathLike[str], split: str | None = None) -> list[Sequence]:
-    """Open the sequences of a data set.
-
-    Parameters
-    ----------
-    folder : str or path
-        Folder of the set.
-    split : str, optional
-        Such as "train". Default: all sequences.
-
-    Returns
-    -------
-    list of Sequence
-        In the order of the set.
-    """
+    """Open the sequences of a data set in its order: all, or those of a `split` such as "train"."""
     found = sorted(existing(Path(folder) / "sequences", "a data set").glob("*/sequence.json"))
     return [s for s in (Sequence(path.parent) for path in found) if split in (None, s.split)]

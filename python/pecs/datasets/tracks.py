@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._poses import interpolate
+from .._poses import interpolate, position_quaternion
 from ._bilinear import on_surface
 from .rig import along, transformed
 
@@ -53,12 +53,14 @@ def _objects(camera: Camera, t_us: float) -> dict[int, Array]:
     if not second:
         return {k: first[k] for k in rigid}
     ends = truth.times_us[around]
-    return {k: interpolate([t_us], ends, np.stack([first[k], second[0][k]]))[0] for k in rigid & set(second[0])}
+    return {
+        k: interpolate([t_us], ends, *position_quaternion([first[k], second[0][k]]))[0] for k in rigid & set(second[0])
+    }
 
 
 def _camera_pose(camera: Camera, t_us: float) -> Array:
-    times, poses = camera.poses()
-    return interpolate([np.clip(t_us, times[0], times[-1])], times, poses)[0]
+    times, _ = camera.poses()
+    return camera.poses_at([np.clip(t_us, times[0], times[-1])])[0]
 
 
 def _seen_at(camera: Camera, local: Array, ids: NDArray[Any], t_us: float) -> tuple[Array, Array]:

@@ -6,8 +6,8 @@
     positions_m, quaternions = trajectory.pose(np.linspace(0, 2, 2001))
 
 The same parameters, surfaces and generator give the same bits. docs/reference/trajectories.md describes every kind
-and parameter. How to add a kind: a path in paths.py, its parameters in `PARAMETERS`, its draw in `DRAWS`; the
-tests go over `KINDS`.
+and parameter. How to add a kind: its parameters in `PARAMETERS`, a function in `DRAWS` that returns its path
+(paths.Path); the tests go over `KINDS`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from .. import _poses as poses
 from .._errors import PecsInputError
-from . import paths, taylor
+from . import paths
 from .parameters import COMMON, PARAMETERS, read
-from .paths import Clock, State, Trajectory
-from .taylor import Series, spline
+from .paths import Clock, Path, State, Trajectory, spline
 
 __all__ = ["KINDS", "State", "Surfaces", "Trajectory", "instants", "needed_m", "plan"]
 
@@ -44,32 +45,15 @@ CAR_SHAKE = ((0.8, 2.0, 6, 0.3, 8.0), (9.0, 13.0, 6, 0.01, 0.3))
 
 
 class Surfaces:
-    """Samples of a scene's surfaces, in world coordinates.
+    """Samples of a scene's surfaces, in world coordinates [m]. Between two times, the moving samples of both count.
 
-    Between two times, the moving samples of both count.
-
-    Parameters
-    ----------
-    times_s : array
-        [m], increasing times of `points` [s].
-    points : sequence of array
-        m arrays [n, 3] of the moving surfaces at these times [m]; n may differ.
-    static : array, optional
-        [n, 3], samples of the surfaces that do not move [m]. Default: none.
-    spacing_m : float
-        Largest distance from a point of a surface to the nearest sample [m]. Default 0.
-
-    Raises
-    ------
-    PecsInputError
-        The times do not increase, or their number is not that of the arrays.
+    `points` are arrays [n, 3] of the moving surfaces at increasing times, `static` [n, 3] of the others; spacing_m is
+    the largest distance from a point of a surface to the nearest sample.
     """
 
     def __init__(
         self, times_s: ArrayLike, points: Sequence[ArrayLike], static: ArrayLike | None = None, spacing_m: float = 0.0
     ):
-        from scipy.spatial import cKDTree
-
         self.times_s, self.spacing_m = np.atleast_1d(np.asarray(times_s, float)), spacing_m
         moving = [np.asarray(p, float).reshape(-1, 3) for p in points]
         if len(moving) != len(self.times_s) or (np.diff(self.times_s) <= 0).any():
@@ -81,36 +65,13 @@ class Surfaces:
         self._trees, self._static_tree = [cKDTree(p) for p in moving], cKDTree(still)
 
     def some(self, t_s: float) -> NDArray[np.float64]:
-        """Return about 10,000 samples, regularly thinned, for the test of what is in view.
-
-        Parameters
-        ----------
-        t_s : float
-            Time [s]; the moving samples are those of the last time before it.
-
-        Returns
-        -------
-        float64 array
-            [n, 3] in m.
-        """
+        """Return about 10,000 samples [n, 3] in m at a time, regularly thinned, for the test of what is in view."""
         i = max(int(np.searchsorted(self.times_s, t_s, side="right")) - 1, 0)
         return np.concatenate([self._few[0], self._few[1 + i]])
 
     def distance(self, t_s: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance of each position from the nearest sample.
-
-        Parameters
-        ----------
-        t_s : array
-            [n], times [s].
-        positions_m : array
-            [n, 3], positions at these times [m].
-
-        Returns
-        -------
-        float64 array
-            [n] in m; inf if there are no samples.
-        """
+        """Return the distance [n] in m of each position [n, 3] at its time [n] from the nearest sample; inf without
+        samples."""
         nearest = self._static_tree.query(positions_m)[0] if self._static_tree.n else np.full(len(t_s), np.inf)
         first = np.clip(np.searchsorted(self.times_s, t_s, side="right") - 1, 0, None)
         second = np.minimum(first + (t_s > self.times_s[first]), len(self.times_s) - 1)
@@ -130,29 +91,12 @@ class _Rejected(Exception):
 
 
 def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rng: np.random.Generator) -> Trajectory:
-    """Draw a trajectory that always keeps `clearance_m` from all surfaces and has some of them in view.
+    """Draw a trajectory that always keeps `clearance_m` from all surfaces and has some of them in view (None: no test).
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    parameters : dict
-        Parameters of the kind, with units and defaults in docs/reference/trajectories.md. `duration_s` is required.
-    surfaces : Surfaces or None
-        Surfaces of the scene. None: no test of distance and view.
-    rng : numpy.random.Generator
-        The same generator, parameters and surfaces give the same bits.
-
-    Returns
-    -------
-    Trajectory
-        Its `drawn` contains all values that were drawn.
-
-    Raises
-    ------
-    PecsInputError
-        A parameter is unknown or out of its range, a waypoint cannot be reached, or none of `tries` paths met a
-        condition, which the message names.
+    docs/reference/trajectories.md lists the parameters of each of `KINDS`; `duration_s` is required. The same
+    generator, parameters and surfaces give the same bits; `drawn` of the trajectory contains all values that were
+    drawn. Raises PecsInputError if a parameter is wrong, a waypoint cannot be reached, or none of `tries` paths met a
+    condition, which the message names.
     """
     if kind not in PARAMETERS:
         raise PecsInputError(f"trajectory: got kind {kind!r}, wanted one of {', '.join(KINDS)}")
@@ -311,41 +255,73 @@ class _Route:
 # Draws: parameters, clock, route, generator -> the path, and drawn values other than the waypoints
 
 
-def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
-    position = spline(route.times_s, route.points, 7)
-    yaw = None
-    if p["target"] is None:
-        at = Series.variable(route.times_s, 0)
-        velocity = np.stack([axis.derivative()(at).values() for axis in position[:2]])
-        yaw = spline(route.times_s, np.unwrap(np.arctan2(velocity[1], velocity[0]))[:, None], 5)[0]
-    return paths.Drone(position, yaw, p["target"], math.radians(p["pitch_deg"])), {}
+def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
+    """A quadrotor: its thrust carries gravity and acceleration, so that its axis is their sum's direction; yaw along
+    the way, or towards a target (Mellinger & Kumar 2011, section III)."""
+    position, target = spline(route.times_s, route.points, 7), p["target"]
+    if target is None:
+        velocity = position(route.times_s, 1)
+        yaw = spline(route.times_s, np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))[:, None], 5)
+    on_body = paths.small_turn(math.radians(p["pitch_deg"]), 0.0, 0.0)
+
+    def path(t, clock_s, way):
+        at, (rate, change) = position(way), (c[:, None] for c in clock.rates(t))
+        up = paths.unit(position(way, 2) * rate**2 + position(way, 1) * change + [0.0, 0.0, paths.GRAVITY_M_S2])
+        if target is None:
+            angle = yaw(way)[:, 0]
+            heading = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+        else:
+            heading = (target - at) * [1, 1, 0]
+        left = paths.unit(np.cross(up, heading))
+        return at, Rotation.from_matrix(np.stack([-left, -up, np.cross(left, up)], axis=-1)) * on_body
+
+    return path, {}
 
 
-def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
-    position = spline(route.times_s, route.points, 5)
+def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
+    """A spline; looks at a target or along a spline of yaw and pitch. Shake along the camera's axes and about them
+    comes on top."""
+    position, target, drawn = spline(route.times_s, route.points, 5), p["target"], {}
     knots = np.arange(math.ceil(clock.way_s / p["gaze_s"]) + 4) * p["gaze_s"]
     wander = np.radians(p["wander_deg"]) * rng.uniform(-1, 1, (len(knots), 2))
-    gaze, drawn = None, {}
-    if p["target"] is None:
+    if target is None:
         yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
         drawn = {"yaw_deg": yaw_deg}
-        gaze = spline(knots, np.radians([yaw_deg, p["pitch_deg"]]) + wander, 5)
+        wander += np.radians([yaw_deg, p["pitch_deg"]])
+    turned = spline(knots, wander, 5)  # yaw and pitch in the world, or pitch and yaw beside the target
     shake = _waves(HAND_SHAKE, p["shake"], [1e-3] * 3, [math.radians(1)] * 3, rng)
-    return paths.HandHeld(position, gaze, p["target"], None if gaze else spline(knots, wander, 5), shake), drawn
+
+    def path(t, clock_s, way):
+        at, angles, waves = position(way), turned(way), shake(clock_s)
+        pitch, yaw, roll = waves[3:]
+        if target is None:
+            view = paths.looking(_direction(*angles.T))
+        else:
+            view, pitch, yaw = paths.looking(target - at), pitch + angles[:, 0], yaw + angles[:, 1]
+        return at + view.apply(waves[:3].T), view * paths.small_turn(pitch, yaw, roll)
+
+    return path, drawn
 
 
-def _vehicle(p: dict, clock: Clock, route: _Route, rng) -> tuple[paths.Path, dict]:
-    position = spline(route.times_s, route.points[:, :2], 5)
-    way = Series.variable(np.linspace(0, clock.way_s, 64 * len(route.points)), 2)
-    x, y = (axis(way) for axis in position)
-    speed = np.hypot(x.values(1), y.values(1))
-    curvature = np.abs(x.values(1) * y.values(2) - y.values(1) * x.values(2)) / speed**3
+def _vehicle(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
+    """A planar spline at a fixed height, looking along its tangent; shake: heave, pitch and roll."""
+    position, height_m = spline(route.times_s, route.points[:, :2], 5), float(route.points[0, 2])
+    way = np.linspace(0, clock.way_s, 64 * len(route.points))
+    (u, v), (du, dv) = position(way, 1).T, position(way, 2).T
+    curvature = np.abs(u * dv - v * du) / np.hypot(u, v) ** 3
     tightest = int(np.argmax(curvature))
     if curvature[tightest] * p["min_radius_m"] > 1:
         radius = 1 / curvature[tightest]
-        raise _Rejected(f"turns on a radius of {radius:.3g} m, wanted {p['min_radius_m']:g} m", way.values()[tightest])
+        raise _Rejected(f"turns on a radius of {radius:.3g} m, wanted {p['min_radius_m']:g} m", way[tightest])
     shake = _waves(CAR_SHAKE, p["shake"], [1e-3], [math.radians(1)] * 2, rng)
-    return paths.Vehicle(position, float(route.points[0, 2]), math.radians(p["pitch_deg"]), shake), {}
+
+    def path(t, clock_s, way):
+        heave, pitch, roll = shake(clock_s)
+        view = paths.looking(np.column_stack([position(way, 1), 0 * way]))
+        turn = paths.small_turn(pitch + math.radians(p["pitch_deg"]), 0.0, roll)
+        return np.column_stack([position(way), heave + height_m]), view * turn
+
+    return path, {}
 
 
 def _waves(bands, factor: float, metres: list[float], radians: list[float], rng) -> paths.Waves:
@@ -354,34 +330,49 @@ def _waves(bands, factor: float, metres: list[float], radians: list[float], rng)
     rms = np.concatenate([np.tile([[mm], [deg]], count) / math.sqrt(count) for _, _, count, deg, mm in bands], axis=1)
     scale = factor * np.concatenate([np.outer(metres, rms[0]), np.outer(radians, rms[1])])
     a, b = scale * rng.standard_normal(scale.shape), scale * rng.standard_normal(scale.shape)
-    return paths.Waves(frequencies, np.hypot(a, b), np.arctan2(b, a))
+    return paths.Waves(frequencies, a, b)
 
 
-def _orbit(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+def _direction(yaw: ArrayLike, pitch: ArrayLike) -> NDArray[np.float64]:
+    """[..., 3]: yaw counter-clockwise from the world's +x, pitch up [rad]."""
+    return np.stack([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)], axis=-1)
+
+
+def _orbit(p: dict, clock: Clock, route, rng) -> tuple[Path, dict]:
+    """About a point that the camera looks at: radius and height are sines of the way."""
     side = 1 if rng.uniform() < 0.5 else -1
     start_deg = p["start_deg"] if p["start_deg"] is not None else float(rng.uniform(0, 360))
     rate = side * p["speed_m_per_s"] / p["radius_m"]
     phase = float(rng.uniform(0, 2 * math.pi))
-    path = paths.Orbit(p["target"], p["radius_m"], p["height_m"], p["bob_m"], rate, math.radians(start_deg), phase)
+
+    def path(t, clock_s, way):
+        angle = way * rate + math.radians(start_deg)
+        height = p["height_m"] + p["bob_m"] * np.sin(1.7 * rate * way + phase)  # 1.7: successive rounds differ
+        arm = np.stack([p["radius_m"] * np.cos(angle), p["radius_m"] * np.sin(angle), height], axis=-1)
+        return p["target"] + arm, paths.looking(-arm)
+
     return path, {"start_deg": start_deg, "side": side, "bob_phase_rad": phase}
 
 
-def _still(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+def _still(p: dict, clock: Clock, route, rng) -> tuple[Path, dict]:
     position = p["position"]
     if position is None:
         if p["volume"] is None:
             raise PecsInputError("still: got neither position nor volume, wanted one of them")
         position = tuple(rng.uniform(*np.array(p["volume"], float)).tolist())
+    drawn = {"position": list(position)}
     if p["target"] is not None:
         ahead = np.subtract(p["target"], position)
-        return paths.Still(position, tuple(ahead.tolist()), 2), {"position": list(position)}
-    yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
-    yaw, pitch = math.radians(yaw_deg), math.radians(p["pitch_deg"])
-    ahead = (math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch))
-    return paths.Still(position, ahead), {"position": list(position), "yaw_deg": yaw_deg}
+    else:
+        yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
+        drawn["yaw_deg"] = yaw_deg
+        ahead = _direction(math.radians(yaw_deg), math.radians(p["pitch_deg"]))
+    return lambda t, clock_s, way: (np.tile(position, (len(t), 1)), paths.looking(np.tile(ahead, (len(t), 1)))), drawn
 
 
-def _recorded(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
+def _recorded(p: dict, clock: Clock, route, rng) -> tuple[Path, dict]:
+    """Splines of a recording's positions and quaternions; world_from_recorded and body_from_camera [4, 4] place the
+    recording in the scene and the camera on the recorded body."""
     if p["format"] == "euroc":
         t_ns, position, quaternion = poses.read_euroc_poses(p["file"])
         t = (t_ns - t_ns[0]) * 1e-9
@@ -393,15 +384,14 @@ def _recorded(p: dict, clock: Clock, route, rng) -> tuple[paths.Path, dict]:
         wanted = f"wanted 6 or more of at least {clock.way_s + (p['start_s'] or 0):g} s"
         raise PecsInputError(f"{p['file']}: got {len(t)} poses of {t[-1]:g} s, {wanted}")
     start = p["start_s"] if p["start_s"] is not None else float(rng.uniform(0, spare))
-    flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1, 1))
-    quaternion[1:] *= flips[:, None]
-    path = paths.Recorded(
-        spline(t, position, 5, p["knot_s"]),
-        spline(t, quaternion, 5, p["knot_s"]),
-        start,
-        np.array(p["world_from_recorded"], float),
-        np.array(p["body_from_camera"], float),
-    )
+    body = spline(t, np.column_stack([position, paths.of_one_sign(quaternion)]), 5, p["knot_s"])
+    world, camera = (np.array(p[key], float) for key in ("world_from_recorded", "body_from_camera"))
+
+    def path(t, clock_s, way):
+        rows = body(way + start)
+        pose = world @ poses.pose_matrix(rows[:, :3], rows[:, 3:]) @ camera
+        return pose[:, :3, 3], Rotation.from_matrix(pose[:, :3, :3])
+
     return path, {"start_s": start}
 
 
@@ -421,28 +411,16 @@ assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 
 
 def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
-    """Return the distance that a path must keep from every sample.
+    """Return the distance [m] that a path must keep from every sample.
 
     The surface between samples is then at least `clearance_m` away, too. An eighth of it is added for the camera's
     motion between two checks.
-
-    Parameters
-    ----------
-    clearance_m : float
-        Distance required from the surfaces [m].
-    surfaces : Surfaces or None
-        Surfaces with the spacing of their samples.
-
-    Returns
-    -------
-    float
-        Distance [m].
     """
     return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8
 
 
 def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
-    if isinstance(trajectory.path, paths.Drone):
+    if trajectory.kind == "drone":
         _check_drone(trajectory, p)
     if p["max_speed_m_per_s"] is not None:
         _check_speed(trajectory, p["max_speed_m_per_s"])
@@ -472,9 +450,10 @@ def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
 def _check_drone(trajectory: Trajectory, p: dict) -> None:
     """Limits of a quadrotor: tilt, rate, and a minimum thrust (near zero its attitude is undefined)."""
     t = np.linspace(0, trajectory.duration_s, 512)
-    force = taylor.values(trajectory.path.thrust(trajectory.path.frame(*trajectory.clock(t, 4))[0]))
+    state = trajectory.state(t)
+    force = state.acceleration_m_s2 + [0.0, 0.0, paths.GRAVITY_M_S2]
     tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))
-    rate = np.degrees(np.linalg.norm(trajectory.state(t).angular_velocity_rad_s, axis=1))
+    rate = np.degrees(np.linalg.norm(state.angular_velocity_rad_s, axis=1))
     thrust = np.linalg.norm(force, axis=1) / paths.GRAVITY_M_S2
     for name, value, limit in (
         ("tilts {:.0f} deg", tilt, p["max_tilt_deg"]),
@@ -499,26 +478,12 @@ def _check_speed(trajectory: Trajectory, most_m_s: float) -> None:
 
 
 def _way(trajectory: Trajectory, t_s: float) -> float:
-    return float(trajectory.clock(np.array([t_s]), 0)[1].values()[0])
+    return float(trajectory.clock(t_s)[1])
 
 
 def instants(trajectory: Trajectory, step_m: float, most: int = 20000) -> NDArray[np.float64]:
-    """Return times between which the trajectory moves by a small step.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    step_m : float
-        Largest distance between neighbouring positions [m].
-    most : int
-        Maximum number of times; longer paths get longer steps. Default 20000.
-
-    Returns
-    -------
-    float64 array
-        Increasing times from 0 to the end [s], at least 65.
-    """
+    """Return times from 0 to the end [s] between which the trajectory moves by at most `step_m`; at least 65, and at
+    most `most` with longer steps."""
     t = np.linspace(0, trajectory.duration_s, 4097)
     steps = np.linalg.norm(np.diff(trajectory.positions(t), axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])

@@ -34,16 +34,10 @@ _LARGEST_ID = 1 << 16  # ids per event are u2
 
 
 class Truth:
-    """Ground truth of a camera: depth, normals, objects and flow.
+    """Ground truth of a camera: depth, normals, objects and flow, in images [H, W] of the camera's own, distorted
+    pixels.
 
-    Index i is an instant; of flow, the interval from i to i + 1. Images are in the camera's own, distorted pixels.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the truth.
-    width, height : int
-        Size of the images [pixels].
+    Index i is an instant; of flow, the interval from i to i + 1.
     """
 
     def __init__(self, folder: Path, width: int, height: int):
@@ -78,48 +72,16 @@ class Truth:
         return tuple(layer["name"] for layer in self._stack.layers if layer["name"] != "light")
 
     def depth(self, i: int) -> NDArray[np.float32]:
-        """Depth at the pixels' centres.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        float32 array
-            [2, H, W] in m: distance along the chief ray, and z along the optical axis; inf where there is no surface.
-        """
+        """Depth at the pixels' centres, [2, H, W] in m: distance along the chief ray, and z along the optical axis; inf
+        where there is no surface."""
         return self.layer("depth", i, ("distance", "z"))
 
     def normal(self, i: int) -> NDArray[np.float32]:
-        """Normals at the pixels' centres.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        float32 array
-            [3, H, W], in the axes of the camera; 0 where there is no surface.
-        """
+        """Normals at the pixels' centres, [3, H, W] in the axes of the camera; 0 where there is no surface."""
         return self.layer("normal", i)
 
     def instances(self, i: int) -> NDArray[np.int64]:
-        """Objects at the pixels' centres.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        int64 array
-            [H, W], ids of `objects`; 0: none.
-        """
+        """Objects at the pixels' centres, [H, W] ids of `objects`; 0: none."""
         (values,) = self.layer("objects", i, ("instance",))
         whole = np.rint(values)
         bad = ~((whole == values) & (0 <= whole) & (whole < _LARGEST_ID))
@@ -131,22 +93,11 @@ class Truth:
         return whole.astype(np.int64)
 
     def flow(self, i: int, to: int | None = None) -> NDArray[np.float32]:
-        """Optical flow of the surface points at the pixels' centres.
+        """Optical flow of the surface points at the pixels' centres from instant i to instant `to`, also an earlier one
+        (default: the next): [H, W, 2], x and y [pixels]; NaN: unknown.
 
         Flows of several intervals are joined: interpolated between pixels, and NaN where another object hides the point
         at an instant on the way.
-
-        Parameters
-        ----------
-        i : int
-            Instant at which the flow begins.
-        to : int, optional
-            Instant at which it ends, also an earlier one. Default: the next.
-
-        Returns
-        -------
-        float32 array
-            [H, W, 2], x and y [pixels]; NaN: unknown.
         """
         to = i + 1 if to is None else to
         if to == i:
@@ -165,36 +116,14 @@ class Truth:
         return np.moveaxis(self.layer("motion", i if step > 0 else i - 1, names), 0, -1)
 
     def flow_back(self, i: int) -> NDArray[np.float32]:
-        """Backward flow, `flow(i + 1, i)`.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        float32 array
-            [H, W, 2], x and y [pixels]; NaN: unknown.
-        """
+        """Backward flow, `flow(i + 1, i)`: [H, W, 2], x and y [pixels]; NaN: unknown."""
         return self._one_flow(i + 1, -1)
 
     def visible_at(self, i: int, to: int | None = None) -> NDArray[np.bool_]:
-        """Pixels whose surface point is also visible at another instant: the mask of pixels that two images can match.
+        """Pixels [H, W] whose surface point is also visible at the next instant (default) or the one before: the mask
+        of pixels that two images can match. False where the flow is unknown.
 
         The flow ends inside the image, and a pixel within 3/4 pixel of its end in x and y has its depth or more.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-        to : int, optional
-            The next instant (default) or the one before.
-
-        Returns
-        -------
-        bool array
-            [H, W]; False where the flow is unknown.
         """
         step = (i + 1 if to is None else to) - i
         if abs(step) != 1:
@@ -207,22 +136,8 @@ class Truth:
 
     def shows(self, i: int, at: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points are visible at an instant: inside the image, and a pixel within 3/4 pixel in x and y has their
-        depth or more.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-        at : array
-            [..., 2], x and y [pixels]; the first pixel's centre is at 0.
-        z : array
-            [...], depths along the optical axis [m].
-
-        Returns
-        -------
-        bool array
-            [...].
-        """
+        depth or more. `at` [..., 2]: x and y [pixels], the first pixel's centre is at 0; z [...]: depths along the
+        optical axis [m]."""
         height, width = self.shape
         inside = np.isfinite(at).all(-1) & (at > -0.5).all(-1) & (at < [width - 0.5, height - 0.5]).all(-1)
         at = np.where(inside[..., None], at, 0)
@@ -233,18 +148,8 @@ class Truth:
         return inside & ((z <= deepest * (1 + _SAME_DEPTH)) | np.isinf(deepest))
 
     def velocity(self, i: int) -> NDArray[np.float32]:
-        """Velocity of the surface points at the pixels' centres.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        float32 array
-            [H, W, 2] in pixels per second, on the path of `motion`; NaN: unknown.
-        """
+        """Velocity of the surface points at the pixels' centres on the path of `motion`, [H, W, 2] in pixels per
+        second; NaN: unknown."""
         moves, seconds = self._path(i, forward=i + 1 < len(self))
         return (velocity_weights(0) @ moves / seconds).astype(np.float32)
 
@@ -256,20 +161,10 @@ class Truth:
         return moves, (self.times_us[start + 1] - self.times_us[start]) * (1e-6 if forward else -1e-6)
 
     def velocity_at(self, t_us: float) -> NDArray[np.float32]:
-        """Velocity at any time.
+        """Velocity at any time between the first instant and the last, [H, W, 2] in pixels per second; NaN: unknown.
 
         The points of the nearest instant are moved along their paths. Pixels to which no point comes (at edges) have
         the velocity of the pixel at that instant.
-
-        Parameters
-        ----------
-        t_us : float
-            Time [us] between the first instant and the last.
-
-        Returns
-        -------
-        float32 array
-            [H, W, 2] in pixels per second; NaN: unknown.
         """
         if not self.times_us[0] - 1 <= t_us <= self.times_us[-1] + 1:
             raise IndexError(f"{self.folder}: velocity at {t_us} us: got {self.times_us[[0, -1]]} us of truth")
@@ -291,42 +186,12 @@ class Truth:
         return np.where(comes, bilinear(velocity, source), at_instant).astype(np.float32)
 
     def motion(self, i: int) -> NDArray[np.float32]:
-        """The layer `motion` of the interval from i to i + 1, as `pecs.carry` takes it.
-
-        Parameters
-        ----------
-        i : int
-            Interval.
-
-        Returns
-        -------
-        float32 array
-            [20, H, W].
-        """
+        """The layer `motion` [20, H, W] of the interval from i to i + 1, as `pecs.carry` takes it."""
         return self.layer("motion", i)
 
     def layer(self, name: str, i: int, wanted: tuple[str, ...] | None = None) -> NDArray[np.float32]:
-        """Read a layer.
-
-        Parameters
-        ----------
-        name : str
-            One of `layers`.
-        i : int
-            Instant or interval.
-        wanted : tuple of str, optional
-            Channels. Default: all.
-
-        Returns
-        -------
-        float32 array
-            [channels, H, W].
-
-        Raises
-        ------
-        IndexError
-            There is no such instant or interval.
-        """
+        """Read a layer of `layers` at an instant or interval: its channels, or those that are `wanted`, [channels, H,
+        W]. Raises IndexError if there is no such instant or interval."""
         layer = next((layer for layer in self._stack.layers if layer["name"] == name), None)
         if layer is None:
             raise bad_input(self.folder / "stack.json", "layers", self.layers, f"a layer {name!r}")
@@ -392,19 +257,10 @@ class Truth:
         return entries
 
     def boxes(self, i: int) -> NDArray[Any]:
-        """Boxes of the objects. Pixel i covers i to i + 1.
+        """Boxes of the objects, one row of `BOX_DTYPE` per object, in pixels. Pixel i covers i to i + 1.
 
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        structured array
-            `BOX_DTYPE`, one row per object, in pixels. `x0` to `y1`: the visible part; `amodal_x0` to `amodal_y1`: all
-            of it, also hidden and outside the image. `occluded`: share of its silhouette in the image that others hide;
-            `truncated`: share of its amodal box outside.
+        `x0` to `y1`: the visible part; `amodal_x0` to `amodal_y1`: all of it, also hidden and outside the image.
+        `occluded`: share of its silhouette in the image that others hide; `truncated`: share of its amodal box outside.
         """
         entries = self._instant(i)
         out = np.zeros(len(entries), BOX_DTYPE)
@@ -420,18 +276,7 @@ class Truth:
         return out
 
     def object_poses(self, i: int) -> dict[int, NDArray[np.float64]]:
-        """Poses of the objects.
-
-        Parameters
-        ----------
-        i : int
-            Instant.
-
-        Returns
-        -------
-        dict of int to float64 array
-            world_from_object [4, 4] by id, without scale.
-        """
+        """Poses world_from_object [4, 4] of the objects by id, without scale."""
         return {entry.integer("id"): entry.array("world_from_object", 4, 4) for entry in self._instant(i)}
 
 

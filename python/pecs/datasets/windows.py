@@ -222,16 +222,6 @@ def collate(items: list[dict[str, Any]]) -> dict[str, Any]:
     Images of one size are stacked. `events`: int64 [n, 5], columns item, t, x, y, p, of all items one after the other;
     `boxes`: float64 [m, 7], item, id, class_id, x0, y0, x1, y1; causes and objects follow the events. Results of a
     transform are stacked. Names are lists, times are tensors of one value per item.
-
-    Parameters
-    ----------
-    items : list of dict
-        Items of `Windows`.
-
-    Returns
-    -------
-    dict
-        The batch.
     """
     torch = optional_module("torch", "PyTorch", "collate")
     out: dict[str, Any] = {}

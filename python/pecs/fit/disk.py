@@ -208,19 +208,9 @@ def lights(of: Turning, answers: Answers, margin: float) -> Floats:
 
 @dataclass(frozen=True)
 class Turned:
-    """What a recording of Disk shows of the disk.
-
-    Parameters
-    ----------
-    sectors : int
-        Black and white ones together.
-    rpm : float
-        Positive: counter-clockwise.
-    regions : (int, int)
-        Number of regions around, counter-clockwise from the left, and along the radius.
-    corner_hz : list of float
-        Corner frequency of the photoreceptor in white [Hz], of each region.
-    """
+    """What a recording of Disk shows of the disk: number of sectors, black and white together; rpm, positive
+    counter-clockwise; number of regions around (counter-clockwise from the left) and along the radius; corner frequency
+    of the photoreceptor in white [Hz] of each region."""
 
     sectors: int
     rpm: float

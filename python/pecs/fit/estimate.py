@@ -61,23 +61,9 @@ SLOW_ERROR = {
 
 @dataclass(frozen=True)
 class Value:
-    """A value of the profile, fitted or kept.
-
-    Parameters
-    ----------
-    value : float
-        In the profile's unit.
-    interval : (float, float)
-        95 % interval; both are `value` if it was kept.
-    start : float
-        Value of the starting profile.
-    fitted : bool
-        Whether the recordings constrain the value. Default True.
-    why : str
-        Reason why the value was kept. Default "".
-    without : dict, optional
-        Name of a recording -> factor by which the interval grows without this recording.
-    """
+    """A value of the profile in its unit, fitted or kept. `interval` has 95 % (both ends are `value` if it was kept);
+    `start` is the starting profile's; `why` it was kept; `without` a recording, by name: the factor by which the
+    interval grows."""
 
     value: float
     interval: tuple[float, float]
@@ -147,28 +133,11 @@ class Fitted:
     pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write the chip profile, and a pixel map to NAME_pixels.json in the same folder.
-
-        Parameters
-        ----------
-        path : str or path
-            Output file (.json).
-
-        Raises
-        ------
-        PecsOutputError
-            The file cannot be written.
-        """
+        """Write the chip profile (.json), and a pixel map to NAME_pixels.json in the same folder."""
         profile.write(self, Path(path))
 
     def summary(self) -> dict[str, Any]:
-        """All numbers of the fit.
-
-        Returns
-        -------
-        dict
-            For JSON; as `pecs fit --numbers` writes it.
-        """
+        """All numbers of the fit, for JSON; as `pecs fit --numbers` writes it."""
 
         def of(value: Value) -> dict[str, Any]:
             out: dict[str, Any] = {"value": value.value, "fitted": value.fitted, "start": value.start}

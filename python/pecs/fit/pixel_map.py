@@ -29,19 +29,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Values measured pixel by pixel.
-
-    Attributes
-    ----------
-    region : (x, y, width, height)
-        Pixels of the thresholds.
-    threshold_on, threshold_off : numpy.ndarray
-        Thresholds [height, width], relative to the profile's; 1 for hot pixels.
-    deviation : (float, float)
-        Standard deviation of what is not known of them, ON and OFF.
-    hot_pixels : list of (int, int, float), optional
-        Column, row and rate [Hz] of the hot pixels; None without a recording of still light.
-    """
+    """Values measured pixel by pixel: in `region` (x, y, width, height), thresholds [height, width] relative to the
+    profile's (1 for hot pixels), with the standard `deviation` (ON, OFF) of what is not known of them; `hot_pixels` as
+    (column, row, rate [Hz]), None without a recording of still light."""
 
     region: tuple[int, int, int, int]
     threshold_on: Floats

@@ -31,17 +31,8 @@ IN_ROWS = 0.5  # largest share of the variance of first events that lies between
 
 @dataclass(frozen=True)
 class Steps:
-    """A recording of a light that switches through levels again and again.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    levels : tuple of float
-        Light, relative to level 1, in the order of the switches.
-    edges_us : sequence of float, optional
-        Times of the switches on the recording's clock [us], beginning with the one to `levels[0]`.
-    """
+    """A recording of a light that switches through `levels`, relative to level 1, again and again. `edges_us`: times of
+    the switches on the recording's clock [us], beginning with the one to `levels[0]` (default: found in the events)."""
 
     file: str | Path
     levels: tuple[float, ...]
@@ -50,15 +41,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Still:
-    """A recording of constant light.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    level : float
-        Light, relative to level 1; 0 with the cap on.
-    """
+    """A recording of constant light. `level`: light relative to level 1; 0 with the cap on."""
 
     file: str | Path
     level: float
@@ -66,41 +49,22 @@ class Still:
 
 @dataclass(frozen=True)
 class Stimulus:
-    """A recording of a screen that plays the page of `pecs stimulus`.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    """
+    """A recording of a screen that plays the page of `pecs stimulus`."""
 
     file: str | Path
 
 
 @dataclass(frozen=True)
 class Flash:
-    """A recording of a bright lamp that switches on and off before the whole sensor.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    """
+    """A recording of a bright lamp that switches on and off before the whole sensor."""
 
     file: str | Path
 
 
 @dataclass(frozen=True)
 class Disk:
-    """A recording of a turning disk of equal black and white sectors, whose rim is in view.
-
-    Parameters
-    ----------
-    file : str or path
-        Event file.
-    contrast : float
-        Light of white sectors / light of black ones. Default 12: the printed disk of scenes/rotating_disk.
-    """
+    """A recording of a turning disk of equal black and white sectors, whose rim is in view. `contrast`: light of white
+    sectors / light of black ones (12: the printed disk of scenes/rotating_disk)."""
 
     file: str | Path
     contrast: float = 12.0
@@ -108,17 +72,9 @@ class Disk:
 
 @dataclass(frozen=True)
 class Screen:
-    """What the flashes of a recording of Stimulus show of the screen.
-
-    Parameters
-    ----------
-    refresh_hz : float or None
-        Refresh rate [Hz]; None if the flashes do not come at multiples of a period.
-    change_s : float
-        Time from the first to the last tenth of the events when a flash begins [s].
-    across_s : (float, float)
-        Delay from the left to the right edge of the region, and from its upper to its lower edge [s].
-    """
+    """What the flashes of a recording of Stimulus show of the screen: its refresh rate [Hz], None if they do not come
+    at multiples of a period; time from the first to the last tenth of the events when a flash begins [s]; delay [s]
+    from the left to the right edge of the region, and from its upper to its lower edge."""
 
     refresh_hz: float | None
     change_s: float

@@ -69,13 +69,7 @@ def timeline() -> list[tuple[float, float, float]]:
 
 
 def stimulus_page() -> str:
-    """The page that `pecs stimulus` writes.
-
-    Returns
-    -------
-    str
-        HTML, which needs no other file.
-    """
+    """The page that `pecs stimulus` writes: HTML, which needs no other file."""
     return read_text(Path(__file__).with_name("stimulus.html"), 1 << 16).replace("TIMELINE", json.dumps(timeline()))
 
 

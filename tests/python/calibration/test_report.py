@@ -7,6 +7,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs.stack import StackWriter
+from support.small_stacks import stack_json
 
 WIDTH, HEIGHT = 64, 36
 
@@ -25,20 +26,16 @@ def events(seed):
 def inputs(tmp_path):
     for name, seed in (("real.raw", 1), ("sim.raw", 2)):
         pecs.write(tmp_path / name, events(seed), WIDTH, HEIGHT)
-    stack = {
-        "pecs_stack": 1,
-        "quantity": "irradiance",
-        "width": WIDTH,
-        "height": HEIGHT,
-        "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": 450.25, "weight_nm": 80.0}, {"lambda_nm": 600.5, "weight_nm": 120.0}],
-        "times_ns": [0, 1_000_000],
-        "period_ns": None,
-        "lens": {"name": "a lens of the test", "fnumber": 2.8, "e0": [1, 1]},
-        "scene": {"name": "a scene", "parameters": {"speed": {"value": 347, "unit": "1/min", "about": "of the disk"}}},
-        "render": {"samples": 8, "chip": "imx636"},
-        "versions": {"renderer": "1.2.3"},
-    }
+    stack = stack_json(
+        WIDTH,
+        HEIGHT,
+        [0, 1_000_000],
+        bands=[{"lambda_nm": 450.25, "weight_nm": 80.0}, {"lambda_nm": 600.5, "weight_nm": 120.0}],
+        lens={"name": "a lens of the test", "fnumber": 2.8, "e0": [1, 1]},
+        scene={"name": "a scene", "parameters": {"speed": {"value": 347, "unit": "1/min", "about": "of the disk"}}},
+        render={"samples": 8, "chip": "imx636"},
+        versions={"renderer": "1.2.3"},
+    )
     with StackWriter(tmp_path / "stack", stack) as writer:
         for i in range(2):
             writer.write_frame(i, np.random.default_rng(i).random((2, HEIGHT, WIDTH), dtype=np.float32))

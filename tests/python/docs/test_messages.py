@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support import ROOT
+from support.small_stacks import stack_json
 
 PAGE = (ROOT / "docs/howto/troubleshooting.md").read_text()
 ROWS = re.findall(r"^\| `([^`]+)` \((\d+|Python)\) \|", PAGE, re.MULTILINE)
@@ -58,9 +59,7 @@ def folder(tmp_path_factory):
             Image.fromarray(np.full(size[::-1], 60 * i + 60, np.uint8)).save(folder / name / f"{i}.png")
     import pecs
 
-    band = {"lambda_nm": 550.0, "weight_nm": 100.0}
-    stack = {"pecs_stack": 1, "quantity": "radiance", "width": 8, "height": 8, "pixel_pitch_m": None, "bands": [band]}
-    stack |= {"times_ns": [0, 1000], "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {}}
+    stack = stack_json(8, 8, [0, 1000], quantity="radiance", pixel_pitch_m=None)
     with pecs.StackWriter(folder / "rad.stack", stack) as writer:
         for i in range(2):
             writer.write_frame(i, np.ones((1, 8, 8), np.float32))

@@ -266,13 +266,6 @@ def test_every_study_says_date_commit_and_command():
         assert rows, page.name
 
 
-def test_numbers_begin_with_a_digit():
-    """0.25, not .25: the point is easily overlooked."""
-    for page in pages():
-        text = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(page), flags=re.DOTALL)
-        assert not re.findall(r"(?:^|[^\w./])\.\d.*", text), page
-
-
 def test_the_link_check_finds_what_is_broken(tmp_path):
     (tmp_path / "a.html").write_text('<h1 id="x"></h1><a href="b.html#y">1</a><a href="c.html">2</a><a href="#x">3</a>')
     (tmp_path / "b.html").write_text('<p id="z"></p><a href="a.html#x">4</a><a href="https://else.example/">5</a>')

@@ -6,6 +6,7 @@ import numpy as np
 import pecs
 import pytest
 from support import small_sequence
+from support.small_stacks import stack_json
 
 W, H = 96, 72
 
@@ -29,11 +30,7 @@ def trainable(sequence, tmp_path_factory):
     shutil.copytree(sequence.folder, folder / "sequences" / "0000")
     times = np.arange(0, small_sequence.DURATION_US + 1, 1000)
     for eye in small_sequence.rig()[:2]:
-        stack = {
-            **{"pecs_stack": 1, "quantity": "irradiance", "width": W, "height": H, "pixel_pitch_m": 1e-5},
-            **{"bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": (times * 1000).tolist()},
-            **{"period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {}},
-        }
+        stack = stack_json(W, H, (times * 1000).tolist(), pixel_pitch_m=1e-5)
         with pecs.StackWriter(folder / "sequences/0000" / eye.name / "stack", stack) as writer:
             for i, t in enumerate(times):
                 writer.write_frame(i, eye.light(t)[None] * 1e-6)

@@ -9,6 +9,7 @@ import time
 import pytest
 from pecs_blender.output import Output
 from support import growing_pecs_blender
+from support.small_stacks import stack_json
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
 
@@ -173,9 +174,7 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
     bands = [{"lambda_nm": 450.0, "weight_nm": 30.0}, {"lambda_nm": 850.0, "weight_nm": 50.0}]
     currents = []
     for band in (0, 1):
-        stack = {"pecs_stack": 1, "quantity": "irradiance", "width": 4, "height": 4, "pixel_pitch_m": 4.86e-6}
-        stack |= {"bands": bands, "times_ns": [0, 1000], "period_ns": None, "lens": None}
-        with pecs.StackWriter(tmp_path / f"s{band}", stack | {"scene": {}, "render": {}, "versions": {}}) as writer:
+        with pecs.StackWriter(tmp_path / f"s{band}", stack_json(4, 4, [0, 1000], bands=bands)) as writer:
             light = np.zeros((2, 4, 4), np.float32)
             light[band] = 1e-3
             for index in (0, 1):

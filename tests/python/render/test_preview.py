@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.small_stacks import stack_json
 
 pecs = pytest.importorskip("pecs")
 WIDTH, HEIGHT = 24, 4  # a column per patch
@@ -21,11 +22,8 @@ def checker_stack(root, folder, bands=12, frames=1, lamp="d65", scene=None):
     nm = [b["lambda_nm"] for b in chosen]
     rows = np.array([np.interp(nm, *patch) * np.interp(nm, *light) for patch in patches]).T
     values = np.repeat(rows[:, None, :], HEIGHT, axis=1)
-    stack = {
-        "pecs_stack": 1, "quantity": "radiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": None,
-        "bands": chosen, "times_ns": [i * 1000 for i in range(frames)], "period_ns": None,
-        "lens": None, "scene": scene or {}, "render": {}, "versions": {},
-    }  # fmt: skip
+    more = {"quantity": "radiance", "pixel_pitch_m": None, "bands": chosen, "scene": scene or {}}
+    stack = stack_json(WIDTH, HEIGHT, [i * 1000 for i in range(frames)], **more)
     with pecs.StackWriter(folder, stack) as writer:
         for i in range(frames):
             writer.write_frame(i, values * (i + 1))

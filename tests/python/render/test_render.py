@@ -52,7 +52,7 @@ def disk_circle(picture):
 
 def test_the_disk_is_where_the_lab_saw_it(render, tmp_path):
     white = ("--set", "black_reflectance=0.84")
-    render(tmp_path / "s", "--bands", 3, "--frames", 1, "--width", 320, "--colour-tolerance", 0.2, *white)
+    render(tmp_path / "s", "--bands", 3, "--frames", 1, "--width", 320, *white)
     _, values = frames(tmp_path / "s")
     x, y, radius = disk_circle(values[0].mean(axis=0))
     # Lab: centre (957.3, 361.4), R 303 at 1280x720; here a quarter of it.

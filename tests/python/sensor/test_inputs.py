@@ -1,4 +1,4 @@
-"""`pecs sense` on what other programs write: spectral EXR files, pictures, video, cameras."""
+"""`pecs sense` on what other programs write: spectral EXR files, pictures, video."""
 
 import json
 import math

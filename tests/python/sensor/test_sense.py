@@ -7,7 +7,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs.stack import StackWriter
-from support.small_stacks import BAND, H, N, W, read_csv, sense, unroll, write
+from support.small_stacks import BAND, H, N, W, read_csv, sense, stack_json, unroll, write
 
 
 def test_photocurrent_is_absolute(tmp_path, pecs_program, root):
@@ -209,11 +209,7 @@ def test_monte_carlo_bands(tmp_path, pecs_program):
     lambdas = np.linspace(400, 700, 31)
     x = np.linspace(0, 1, W)[None, None, :]
     warm, cool = (np.exp(-(((lambdas - m) / 60) ** 2))[:, None, None] + 0.05 for m in (620, 470))
-    stack = {
-        "pecs_stack": 1, "quantity": "irradiance", "width": W, "height": H, "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": float(v), "weight_nm": 10.0} for v in lambdas],
-        "times_ns": [0, 1000000], "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {},
-    }  # fmt: skip
+    stack = stack_json(W, H, [0, 1_000_000], bands=[{"lambda_nm": float(v), "weight_nm": 10.0} for v in lambdas])
     with StackWriter(tmp_path / "s", stack) as writer:
         for i in range(2):
             writer.write_frame(i, np.broadcast_to(1e-5 * (warm * x + cool * (1 - x)), (31, H, W)).astype(np.float32))

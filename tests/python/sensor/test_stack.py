@@ -8,26 +8,15 @@ import pecs
 import pytest
 from pecs import _library
 from pecs.stack import StackReader, StackWriter
+from support import small_stacks
 from support.moving_scene import Scene, write_stack
 
 BANDS = [{"lambda_nm": 486.25, "weight_nm": 120.0}, {"lambda_nm": 550.0, "weight_nm": 80.5}]
 
 
 def stack_json(frames=3, width=20, height=17):
-    return {
-        "pecs_stack": 1,
-        "quantity": "irradiance",
-        "width": width,
-        "height": height,
-        "pixel_pitch_m": 4.86e-6,
-        "bands": BANDS,
-        "times_ns": [i * 100_001 for i in range(frames)],
-        "period_ns": None,
-        "lens": None,
-        "scene": {"name": "test"},
-        "render": {"seed": 1},
-        "versions": {},
-    }
+    times_ns = [i * 100_001 for i in range(frames)]
+    return small_stacks.stack_json(width, height, times_ns, bands=BANDS, scene={"name": "test"}, render={"seed": 1})
 
 
 def frame(seed=0, shape=(2, 17, 20)):

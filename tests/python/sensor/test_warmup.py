@@ -5,7 +5,7 @@ import pecs
 import pytest
 from pecs.sensor import LABELS
 from pecs.stack import StackWriter
-from support.small_stacks import BAND, write
+from support.small_stacks import stack_json, write
 
 SIZE = (60, 80)
 LEAK = {"leak_rate_hz": 5.0, "noise_std": 0, "background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
@@ -68,9 +68,8 @@ def test_noise_is_even_from_the_start(tmp_path):
     """In still light of a corner of 64 Hz, the rate of the first 5 ms is that of the last 14 ms of 29. For distances
     drawn evenly up to the threshold it is 1.7 times that, for pixels at rest half of it."""
     frames, size = 581, (120, 160)
-    stack = {"pecs_stack": 1, "quantity": "irradiance", "width": size[1], "height": size[0], "pixel_pitch_m": 4.86e-6}
-    stack |= {"bands": BAND, "times_ns": [i * 50_000 for i in range(frames)], "period_ns": None, "lens": None}
-    with StackWriter(tmp_path / "s", stack | {"scene": {}, "render": {}, "versions": {}}) as writer:
+    stack = stack_json(size[1], size[0], [i * 50_000 for i in range(frames)])
+    with StackWriter(tmp_path / "s", stack) as writer:
         for i in range(frames):
             writer.write_frame(i, np.full((1, *size), 3e-5, np.float32))
     options = {"chip": "imx636", "format": "dsec", "readout": "ideal", "duration_us": 29_000, "warmup_us": 20_000}

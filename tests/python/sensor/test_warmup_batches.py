@@ -5,18 +5,14 @@ import numpy as np
 import pecs
 from pecs.motion import CHANNELS
 from pecs.stack import StackWriter
-from support.small_stacks import BAND
+from support.small_stacks import stack_json
 
 QUIET = {"leak_rate_hz": 0.0, "noise_std": 0, "background_on_hz": 0, "background_off_hz": 0, "hot_pixel_fraction": 0}
 
 
 def ramp(folder, frames, size, motion=False):
     """Light that rises by 20 per second in ln, frames 1 ms apart; `motion`: with a layer in which nothing moves."""
-    stack = {
-        "pecs_stack": 1, "quantity": "irradiance", "width": size[1], "height": size[0], "pixel_pitch_m": 18.5e-6,
-        "bands": BAND, "times_ns": [i * 1_000_000 for i in range(frames)], "period_ns": None, "lens": None,
-        "scene": {}, "render": {}, "versions": {},
-    }  # fmt: skip
+    stack = stack_json(size[1], size[0], [i * 1_000_000 for i in range(frames)], pixel_pitch_m=18.5e-6)
     if motion:
         layer = {"name": "motion", "channels": list(CHANNELS), "unit": "px", "at": "interval"}
         stack["layers"] = [layer | {"files": "motion_%06d.exr"}]

@@ -6,6 +6,8 @@ import stat
 import numpy as np
 import pytest
 
+from support.small_stacks import stack_json
+
 
 def events(count=2000, step_us=10, size=(64, 48)):
     rng = np.random.default_rng(1)
@@ -40,11 +42,8 @@ def random_stack(folder, frames):
     import pecs
 
     rng = np.random.default_rng(1)
-    stack = {
-        "pecs_stack": 1, "quantity": "radiance", "width": 128, "height": 96, "pixel_pitch_m": None,
-        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": [i * 1_000_000 for i in range(frames)],
-        "period_ns": None, "lens": None, "scene": {}, "render": {}, "versions": {},
-    }  # fmt: skip
+    times_ns = [i * 1_000_000 for i in range(frames)]
+    stack = stack_json(128, 96, times_ns, quantity="radiance", pixel_pitch_m=None)
     with pecs.StackWriter(folder, stack) as writer:
         for i in range(frames):
             writer.write_frame(i, rng.lognormal(0, 1, (1, 96, 128)).astype(np.float32))

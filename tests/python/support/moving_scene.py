@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from pecs.stack import StackWriter
 
+from support.small_stacks import stack_json
+
 PLACES = ("x_q1", "y_q1", "x_mid", "y_mid", "x_q3", "y_q3", "x_end", "y_end")
 CHANNELS = [f"{side}{name}" for side in ("", "back_") for name in (*PLACES, "z", "z_end")]
 LAYER = {"name": "motion", "files": "motion_%06d.exr", "channels": CHANNELS, "unit": "px, z in m", "at": "interval"}
@@ -97,22 +99,8 @@ def write_stack(folder, frames, times_ns, motions=(), *, period_ns=None, subpixe
     """A stack of frames [T, H, W] times 1e-3 (light False: only their size counts); motions: one per interval; between:
     (interval, number, ns, [H, W]); more: (entry of stack.json, planes [channels, H, W]) of other layers."""
     height, width = frames[0].shape
-    stack = {
-        "pecs_stack": 1,
-        "quantity": "irradiance",
-        "width": width // subpixels,
-        "height": height // subpixels,
-        "subpixels": subpixels,
-        "between": bool(between),
-        "pixel_pitch_m": 4.86e-6,
-        "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}],
-        "times_ns": times_ns,
-        "period_ns": period_ns,
-        "lens": None,
-        "scene": {},
-        "render": {},
-        "versions": {},
-    }
+    more_json = {"subpixels": subpixels, "between": bool(between), "period_ns": period_ns}
+    stack = stack_json(width // subpixels, height // subpixels, times_ns, **more_json)
     layers = [(LAYER, motions), *more] if motions else [*more]
     if layers:
         stack["layers"] = [entry for entry, _ in layers]

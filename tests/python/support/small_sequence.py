@@ -9,6 +9,8 @@ import numpy as np
 import pecs
 from pecs.stack import StackWriter
 
+from support.small_stacks import stack_json
+
 DURATION_US = 100_000
 TRUTH_US = np.arange(0, DURATION_US + 1, 10_000)
 CARD, WALL = 1, 2  # ids; the wall has no class
@@ -127,16 +129,12 @@ def write_truth(folder, eye):
         ("objects", ["instance"], "1", "instant"),
         ("motion", MOTION, "px", "interval"),
     ]
-    stack = {
-        **{"pecs_stack": 1, "light": False, "quantity": "radiance", "width": eye.width, "height": eye.height},
-        **{"pixel_pitch_m": 1e-5, "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}]},
-        **{"times_ns": (TRUTH_US * 1000).tolist(), "period_ns": None, "lens": None},
-        **{"scene": {}, "render": {}, "versions": {}},
-        "layers": [
-            {"name": name, "files": name + "_%06d.exr", "channels": channels, "unit": unit, "at": at}
-            for name, channels, unit, at in layers
-        ],
-    }
+    listed = [
+        {"name": name, "files": name + "_%06d.exr", "channels": channels, "unit": unit, "at": at}
+        for name, channels, unit, at in layers
+    ]
+    more = {"light": False, "quantity": "radiance", "pixel_pitch_m": 1e-5, "layers": listed}
+    stack = stack_json(eye.width, eye.height, (TRUTH_US * 1000).tolist(), **more)
     with StackWriter(folder, stack) as writer:
         for i, t in enumerate(TRUTH_US):
             _, z, ids, normals = eye.look(t)

@@ -8,22 +8,16 @@ W, H, N = 40, 30, 24
 BAND = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
 
 
+def stack_json(width, height, times_ns, **more):
+    """The content of a stack.json of irradiance in one band; `more` replaces entries."""
+    stack = {"pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6}
+    stack |= {"bands": BAND, "times_ns": times_ns, "period_ns": None, "lens": None}
+    return stack | {"scene": {}, "render": {}, "versions": {}} | more
+
+
 def write(folder, frames=N, period_ns=None, level=1e-6, change=None, size=(H, W)):
     """A bright bar that moves one turn in `frames` frames of 1 ms, on a film irradiance of `level` W m^-2 nm^-1."""
-    stack = {
-        "pecs_stack": 1,
-        "quantity": "irradiance",
-        "width": size[1],
-        "height": size[0],
-        "pixel_pitch_m": 4.86e-6,
-        "bands": BAND,
-        "times_ns": [i * 1_000_000 for i in range(frames)],
-        "period_ns": period_ns,
-        "lens": None,
-        "scene": {},
-        "render": {},
-        "versions": {},
-    }
+    stack = stack_json(size[1], size[0], [i * 1_000_000 for i in range(frames)], period_ns=period_ns)
     with StackWriter(folder, stack) as writer:
         for i in range(frames):
             x = np.arange(size[1])
