@@ -113,7 +113,7 @@ def draw(path: Path, rows: list[str], deviations: np.ndarray) -> None:
     for (i, k), d in np.ndenumerate(deviations):
         text = "none" if np.isnan(d) else f"{d:.0f}" if d < 1000 else f"{d / 1000:.0f}k"
         axes.text(k, i, text, ha="center", va="center", fontsize=8, color="white" if d > 50 or np.isnan(d) else "black")
-    figure.savefig(path)
+    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
 
 
 def main(*, picture: Path | None = None) -> None:
