@@ -10,7 +10,7 @@ with different --only or --seeds can --train at once. Writes results.json and pr
 """
 
 import json
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from pecs.datasets.report_pictures import flow_picture
 from pecs.datasets.sequence import Sequence
 from pecs.datasets.writers._pictures import event_picture
 from pecs_lab import report
-from pecs_lab.comparison import Comparison, kept, mean_scores, table, titled
+from pecs_lab.comparison import Comparison, mean_scores, table, titled
 from pecs_lab.flow import FlowConfig, Flows, Method, View, Window, disk_speed, real_windows, sharpness, trained
 from pecs_lab.measure import command
 
@@ -114,12 +114,9 @@ def method_of(study: Comparison, name: str, seed: int):
     return known.get(name) or Method(study.root / "runs" / f"{name}_{seed}")
 
 
-def tested(study: Comparison, name: str, seed: int, on: str, windows: list[Window]) -> dict[str, float]:
-    def make() -> dict[str, float]:
-        method = method_of(study, name, seed)
-        return mean_scores([scores(window, method(window)) for window in windows])
-
-    return kept(study.root / "scores" / f"{name}_{seed}_on_{on}.json", make)
+def tested(study: Comparison, windows: list[Window], name: str, seed: int) -> dict[str, float]:
+    method = method_of(study, name, seed)
+    return mean_scores([scores(window, method(window)) for window in windows])
 
 
 def check_truth(windows: dict[str, list[Window]], real: Path | None) -> dict[str, float]:
@@ -173,10 +170,8 @@ def main(
     tables = all_windows(study, real)
     windows = {on: some for one in tables for on, some in one.items()}
     truth = check_truth(windows, real)
-    results: dict[str, dict[str, list[dict[str, float]]]] = {}
-    for name in [*names, *BASELINES]:
-        of = [0] if name in BASELINES else seeds
-        results[name] = {on: [tested(study, name, s, on, some) for s in of] for on, some in windows.items()}
+    tests = {on: partial(tested, study, some) for on, some in windows.items()}
+    results = study.scored(names, BASELINES, seeds, tests)
     counts = {name: sum(len(v.events) for v in training_views(study, name)) for name in names}
     thresholds = {name: study.threshold(name) for name in names}
     noise = {name: noise_of(study, name) for name in [*names, *(f"test_{on}" for on in PLAN["test"]["sensors"])]}

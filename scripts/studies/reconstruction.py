@@ -12,7 +12,7 @@ network of `pecs reconstruct`.
 
 import json
 import sys
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from pecs.learning.networks import NetworkConfig
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network
 from pecs.learning.train import TrainConfig, train
 from pecs_lab import real_disk
-from pecs_lab.comparison import OURS, Comparison, kept, mean_scores, table, titled
+from pecs_lab.comparison import OURS, Comparison, mean_scores, table, titled
 from pecs_lab.measure import command
 
 PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
@@ -81,21 +81,14 @@ def footage_of(study: Comparison, on: str) -> list[Footage]:
     return [Footage(r.camera.name, r.events, r.times_us, r.pictures) for r in found]
 
 
-def tested(study: Comparison, name: str, seed: int, on: str, some: list[Footage]) -> dict[str, float]:
+def tested(study: Comparison, some: list[Footage], name: str, seed: int) -> dict[str, float]:
     """Means over pictures, then over footage."""
-
-    def make() -> dict[str, float]:
-        return mean_scores([scores(method_of(study, name, seed, footage.size), footage) for footage in some])
-
-    return kept(study.root / "scores" / f"{name}_{seed}_on_{on}.json", make)
+    return mean_scores([scores(method_of(study, name, seed, footage.size), footage) for footage in some])
 
 
-def on_disk(study: Comparison, name: str, seed: int, real: Path) -> dict[str, float]:
-    def make() -> dict[str, float]:
-        footage, disk = real_disk.load(real, study.root / "real", PLAN["real"])
-        return real_disk.scores(method_of(study, name, seed, footage.size), footage, disk, PLAN["real"])
-
-    return kept(study.root / "scores" / f"{name}_{seed}_on_{PLAN['real']['sequence']}.json", make)
+def on_disk(study: Comparison, real: Path, name: str, seed: int) -> dict[str, float]:
+    footage, disk = real_disk.load(real, study.root / "real", PLAN["real"])
+    return real_disk.scores(method_of(study, name, seed, footage.size), footage, disk, PLAN["real"])
 
 
 def draw(study: Comparison, path: Path, names: list[str], seed: int, real: Path | None) -> None:
@@ -121,18 +114,15 @@ def main(
     torch.set_num_threads(1)
     for seed, name in product(seeds, names):  # whole comparisons first
         trained(study, name, seed)
-    tests = {on: footage_of(study, on) for on in names}
-    results: dict[str, dict[str, list[dict[str, float]]]] = {}
-    for name in [*names, SHIPPED, FILTER]:
-        of = [0] if name in (FILTER, SHIPPED) else seeds
-        results[name] = {on: [tested(study, name, s, on, some) for s in of] for on, some in tests.items()}
-        if real:
-            results[name][PLAN["real"]["sequence"]] = [on_disk(study, name, s, real) for s in of]
+    tests = {on: partial(tested, study, footage_of(study, on)) for on in names}
+    if real:
+        tests[PLAN["real"]["sequence"]] = partial(on_disk, study, real)
+    results = study.scored(names, (SHIPPED, FILTER), seeds, tests)
     if picture:
         draw(study, picture, [FILTER, *names, SHIPPED], seeds[0], real)
     write_json(root / "results.json", {"plan": PLAN, "results": results})
     for metric in PLAN["test"]["metrics"]:
-        print(table(results, [(on, metric) for on in tests]) + "\n")
+        print(table(results, [(on, metric) for on in names]) + "\n")
     if real:
         on = PLAN["real"]["sequence"]
         print(table(results, [(on, metric) for metric in results[FILTER][on][0]]))

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -93,6 +94,16 @@ class Comparison:
                 threshold *= log_uniform([2, key], *draws["threshold"])
             self.sensed(sequence, path, how, threshold, how.get("light", light), draw)
         return path
+
+    def scored(self, names: list[str], others: tuple[str, ...], seeds: list[int], tests: dict[str, Callable]) -> dict:
+        """Scores [name][test], one for each seed; one alone for the other methods. A test has the name and the seed."""
+
+        def each(name: str, on: str, make: Callable) -> list[dict]:
+            path = self.root / "scores"
+            of = [0] if name in others else seeds
+            return [kept(path / f"{name}_{seed}_on_{on}.json", partial(make, name, seed)) for seed in of]
+
+        return {name: {on: each(name, on, make) for on, make in tests.items()} for name in (*names, *others)}
 
 
 def log_uniform(key: list[int], low: float, high: float) -> float:
