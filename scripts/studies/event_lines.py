@@ -1,22 +1,21 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Traces of the frames' times in an event file: lines in the spectrum of the event rate, and bursts at frames.
 
-    scripts/studies/event_lines.py EVENTS [--frames STACK] [--begin US] [--from HZ]
+    scripts/studies/event_lines.py EVENTS [--frames STACK] [--begin US] [--from-hz HZ]
 
-Prints JSON. `line`: the strongest line of the spectrum (rate in bins of 1/8 ms, from --from on) in multiples
+Prints JSON. `line`: the strongest line of the spectrum (rate in bins of 1/8 ms, from --from-hz on) in multiples
 of the level of Poisson events; `of_poisson` is what their strongest line would be in so many bins. With --frames, for
 keyframes and for frames between them: events in the half millisecond after to those before, and the standard error of
 that ratio. --begin: time of the stack's first frame in the file. Take a scene whose light has no periods of its own.
 """
 
-import argparse
-import json
 from pathlib import Path
 
 import numpy as np
 import pecs
 from numpy.typing import NDArray
 from pecs.stack import StackReader
+from pecs_lab.measure import command
 
 BIN_US = 125
 SIDE_US = 500
@@ -43,26 +42,19 @@ def bursts(t_us: NDArray[np.float64], at_us: NDArray[np.float64]) -> dict[str, f
     return {"count": len(at_us), "after_to_before": ratio, "standard_error": ratio * (1 / before + 1 / after) ** 0.5}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("events", type=Path)
-    parser.add_argument("--frames", type=Path, metavar="STACK", help="the light that the events are of")
-    parser.add_argument("--begin", type=float, default=0.0, metavar="US")
-    parser.add_argument("--from", dest="from_hz", type=float, default=150.0, metavar="HZ")
-    args = parser.parse_args()
-
-    t_us = np.sort(pecs.read(args.events)["t"]).astype(float)
+def main(events: Path, *, frames: Path | None = None, begin: float = 0.0, from_hz: float = 150.0) -> dict:
+    t_us = np.sort(pecs.read(events)["t"]).astype(float)
     if not len(t_us):
-        raise SystemExit(f"event_lines: {args.events}: got no events, wanted some")
-    found: dict[str, object] = {"events": len(t_us), "line": strongest_line(t_us, args.from_hz)}
-    if args.frames:
-        stack = StackReader(args.frames)
+        raise SystemExit(f"event_lines: {events}: got no events, wanted some")
+    found: dict[str, object] = {"events": len(t_us), "line": strongest_line(t_us, from_hz)}
+    if frames:
+        stack = StackReader(frames)
         times_ns = np.array(stack.info["times_ns"], float)
         between = np.array([t for k in range(len(times_ns) - 1) for t in stack.between_ns(k)], float)
         for name, ns in (("keyframes", times_ns), ("between", between)):
-            found[name] = bursts(t_us, (ns - times_ns[0]) * 1e-3 + args.begin)
-    print(json.dumps(found, indent=1))
+            found[name] = bursts(t_us, (ns - times_ns[0]) * 1e-3 + begin)
+    return found
 
 
 if __name__ == "__main__":
-    main()
+    command(main)
