@@ -104,6 +104,7 @@ def draw(path: Path, rows: list[str], deviations: np.ndarray) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.rcParams["svg.fonttype"] = "none"
     figure, axes = plt.subplots(figsize=(10, 0.27 * len(rows) + 1.5), layout="constrained")
     strength = np.clip(np.log10(np.maximum(deviations, 1e-9) / 3) / 2.5, 0, 1)
     axes.imshow(np.nan_to_num(strength, nan=1), cmap="Blues", vmin=0, vmax=1, aspect="auto")
