@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <sstream>
 
 #include "pecs/error.h"
+#include "pecs/files.h"
 #include "pecs/sensor/chip.h"
 #include "pecs/text.h"
 
@@ -135,8 +135,7 @@ BiasSettings read_bias_file(const std::filesystem::path& path, std::vector<std::
       if (part.is_object() && part.contains("enabled") && part["enabled"] == true) ignored.push_back(key);
     return out;
   }
-  std::ifstream file(path);
-  if (!file) throw not_found(path.string(), "cannot be read");
+  std::istringstream file(read_text(path, 1 << 20));
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
     if (const auto first = line.find_first_not_of(" \t\r"); first == std::string::npos || line[first] == '%') continue;

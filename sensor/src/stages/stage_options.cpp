@@ -1,10 +1,10 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <fstream>
 #include <sstream>
 
 #include "pecs/error.h"
+#include "pecs/files.h"
 #include "pecs/sensor/stages.h"
 #include "pecs/text.h"
 
@@ -74,8 +74,7 @@ Json stages_to_json(const StageOptions& s) {
 }
 
 std::vector<bool> read_mask(const std::filesystem::path& path, int width, int height) {
-  std::ifstream file(path);
-  if (!file) throw Error(ExitCode::not_found, fmt::format("{}: cannot be read", path.string()));
+  std::istringstream file(read_text(path, std::size_t{64} << 20));
   const auto w = static_cast<std::size_t>(width), h = static_cast<std::size_t>(height);
   std::vector<bool> off(w * h);
   std::string line;

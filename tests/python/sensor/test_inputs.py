@@ -193,6 +193,15 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     assert done.returncode == 2 and "nope" in done.stderr and len(done.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize("option", ["--mask", "--bias-file"])
+def test_a_folder_is_no_text_file(tmp_path, pecs_program, option):
+    """It was read as an empty one: a mask without pixels, biases without offsets."""
+    folder = write_pictures(tmp_path / "p", "png")
+    done = pecs_program("sense", folder, "--fps", 1000, "-o", tmp_path / "o.csv", option, tmp_path)
+    assert done.returncode == 3 and f"{tmp_path}: cannot be opened: it is a directory" in done.stderr
+    assert not (tmp_path / "o.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
