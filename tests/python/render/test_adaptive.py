@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -91,6 +92,19 @@ def test_fewer_frames_give_the_same_events(blends, bench):
     alone = bench.score(truth, bench.events(adaptive(blends, "room"), motion=False), 1000)
     assert few["recall"] > every["recall"] - 0.08 and few["precision"] > every["precision"] + 0.1
     assert few["recall"] > 2 * alone["recall"]
+
+
+@pytest.mark.parametrize("time, rate, frames", [("adaptive", 1300, 22), ("uniform", 500, 9)])
+def test_events_with_noise_do_not_know_the_rate(blends, tmp_path, time, rate, frames):
+    """One scene at two rates, all noise of the camera included."""
+    counts = []
+    for args in ((), ("--fps", rate, "--frames", frames)):
+        folder = render(blends, "room", "--time", time, "--layers", "motion", "--samples", 32, *args)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of the renderer's noise
+            pecs.sense(folder, tmp_path / "e.npz", chip="imx636", fnumber=2.0, readout="ideal")
+        counts.append(np.histogram(pecs.read(tmp_path / "e.npz")["t"], 8, (0, 16_000))[0])
+    assert np.abs(counts[0] / counts[1] - 1).max() < 0.08, counts
 
 
 def test_denoising_removes_the_noise_and_threads_change_nothing(blends):
