@@ -1,15 +1,13 @@
 // Commands that are Python modules: this program replaces itself by Python with the rest of the command line.
 #include <fmt/format.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 
 #include "commands.h"
 #include "console.h"
 #include "pecs/error.h"
+#include "pecs/platform.h"
 
 namespace pecs::app {
 namespace {
@@ -49,22 +47,17 @@ std::string python(const char* variable, const std::filesystem::path& program) {
 // Replaces this process. The module finds this program by PECS_PROGRAM.
 [[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments,
                           const Console& console) {
-  std::error_code error;
-  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (!error) setenv("PECS_PROGRAM", self.c_str(), 0);
+  const std::filesystem::path self = platform::own_program();
+  if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
   const std::string program = python(command.variable, self);
   std::vector<std::string> words = {program, "-m"};
   words.insert(words.end(), command.words.begin(), command.words.end());
   if (console.quiet()) words.emplace_back("--quiet");
   if (console.verbose()) words.emplace_back("--verbose");
   words.insert(words.end(), arguments.begin(), arguments.end());
-  std::vector<char*> pointers;
-  pointers.reserve(words.size() + 1);
-  for (std::string& word : words) pointers.push_back(word.data());
-  pointers.push_back(nullptr);
-  execvp(program.c_str(), pointers.data());
-  throw Error(ExitCode::not_found, fmt::format("{}: {}: {}; set {} to a Python that has {}", command.name, program,
-                                               std::strerror(errno), command.variable, command.words.front()));
+  const std::string why = platform::become(program, std::move(words));
+  throw Error(ExitCode::not_found, fmt::format("{}: {}: {}; set {} to a Python that has {}", command.name, program, why,
+                                               command.variable, command.words.front()));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "libraries.h"
 #include "pecs/data_dir.h"
 #include "pecs/error.h"
+#include "pecs/platform.h"
 
 namespace pecs::app {
 namespace {
@@ -36,13 +37,12 @@ void add_version(CLI::App& app) {
   const auto text = [&app] {
     std::string out = fmt::format("pecs {}", kVersion);
     if (!app.count("--verbose")) return out;
-    std::error_code error;
     const auto row = [&](const char* name, const std::string& value) { out += fmt::format("\n{:<14}{}", name, value); };
     row("build", kCompiler);
     row("libraries", kLibraries);
     row("instructions", instruction_set());
     row("threads", fmt::format("{}", std::thread::hardware_concurrency()));
-    row("program", std::filesystem::read_symlink("/proc/self/exe", error).string());
+    row("program", platform::own_program().string());
     row("data", data_place());
     return out;
   };

@@ -1,27 +1,15 @@
 #include "pecs/data_dir.h"
 
-#include <dlfcn.h>
 #include <fmt/ranges.h>
 
 #include <cstdlib>
 #include <set>
 
 #include "pecs/error.h"
+#include "pecs/platform.h"
 
 namespace pecs {
 namespace fs = std::filesystem;
-namespace {
-
-// The program or shared library that this code was linked into.
-fs::path own_binary() {
-  Dl_info info{};
-  if (dladdr(reinterpret_cast<const void*>(&own_binary), &info) == 0 || !info.dli_fname) return {};
-  std::error_code ec;
-  fs::path path = fs::canonical(info.dli_fname, ec);
-  return ec ? fs::canonical("/proc/self/exe", ec) : path;
-}
-
-}  // namespace
 
 fs::path data_dir(const std::string& room) {
   if (const char* set = std::getenv("PECS_DATA"); set && *set) {
@@ -29,7 +17,7 @@ fs::path data_dir(const std::string& room) {
     throw not_found((fs::path(set) / room).string(), "no such folder (PECS_DATA is set)");
   }
   // build/<preset>/bin/pecs is four levels below the checkout's root, bin/pecs two below the prefix.
-  fs::path above = own_binary().parent_path();
+  fs::path above = platform::own_binary().parent_path();
   for (int level = 0; level < 5 && above.has_relative_path(); ++level, above = above.parent_path())
     for (const fs::path& dir : {above / "share" / "pecs" / room, above / room})
       if (fs::is_directory(dir)) return dir;

@@ -1,11 +1,8 @@
 #include "pecs/files.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <openssl/evp.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -41,51 +38,23 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
 
 // Resolves links in an output's path. Throws bad_output for an existing path that is not a file or a stream.
 fs::path file_behind(const fs::path& path) {
-  struct stat found{};
   if (path.empty()) throw bad_output("output", "the path is empty");
-  if (::stat(path.c_str(), &found) != 0) {
-    if (errno != ENOENT) throw bad_output(path.string(), last_error());
-    std::error_code ec;
-    if (fs::is_symlink(path, ec)) throw bad_output(path.string(), "dangling symbolic link");
-    return path;
-  }
-  if (S_ISDIR(found.st_mode)) throw bad_output(path.string(), "it is a directory");
-  if (S_ISBLK(found.st_mode) || S_ISSOCK(found.st_mode))
-    throw bad_output(path.string(), "it is a block device or a socket");
-  if (!S_ISREG(found.st_mode))
-    throw bad_output(path.string(), "it is a pipe or a device; this format needs a seekable file");
-  return fs::is_symlink(path) ? fs::canonical(path) : path;
-}
-
-// Opens, locks and truncates the .partial, in this order, so that a file that another process writes stays intact.
-int claimed(const fs::path& partial, const fs::path& path) {
-  const auto refuse = [&](int fd, const std::string& why) {
-    if (fd >= 0) ::close(fd);
-    return bad_output(path.string(), why);
-  };
-  for (;;) {
-    // O_NONBLOCK: opening a pipe does not block.
-    const int fd = ::open(partial.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NOCTTY | O_NONBLOCK | O_CLOEXEC, 0666);
-    struct stat opened{}, named{};
-    if (fd < 0) {
-      const bool is_link = errno == ELOOP && ::lstat(partial.c_str(), &named) == 0 && S_ISLNK(named.st_mode);
-      throw refuse(fd, is_link ? partial.string() + " is a symbolic link" : last_error());
-    }
-    if (::fstat(fd, &opened) != 0 || !S_ISREG(opened.st_mode))
-      throw refuse(fd, partial.string() + " is not a regular file");
-    // A lock of the open file description, not of the process: closing another descriptor of the file does not release
-    // it.
-    struct flock lock{};
-    lock.l_type = F_WRLCK;
-    if (::fcntl(fd, F_OFD_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES))
-      throw refuse(fd, "another process is writing it");
-    // Another process renamed it between open and lock: it is a finished output now.
-    if (::stat(partial.c_str(), &named) != 0 || named.st_ino != opened.st_ino || named.st_dev != opened.st_dev) {
-      ::close(fd);
-      continue;
-    }
-    if (::ftruncate(fd, 0) != 0) throw refuse(fd, last_error());
-    return fd;
+  std::error_code ec;
+  switch (fs::status(path, ec).type()) {
+    case fs::file_type::not_found:
+      if (fs::is_symlink(path, ec)) throw bad_output(path.string(), "dangling symbolic link");
+      return path;
+    case fs::file_type::regular:
+      return fs::is_symlink(path) ? fs::canonical(path) : path;
+    case fs::file_type::directory:
+      throw bad_output(path.string(), "it is a directory");
+    case fs::file_type::fifo:
+    case fs::file_type::character:
+      throw bad_output(path.string(), "it is a pipe or a device; this format needs a seekable file");
+    case fs::file_type::none:
+      throw bad_output(path.string(), ec.message());
+    default:
+      throw bad_output(path.string(), "it is a block device or a socket");
   }
 }
 
@@ -98,37 +67,24 @@ FilePtr open_to_read(const fs::path& path) {
 
 }  // namespace
 
-PartialFile::PartialFile(const fs::path& path) : path_(file_behind(path)), partial_(pecs::partial_path(path_)) {
-  descriptor_ = claimed(partial_, path);
-}
-
-PartialFile::~PartialFile() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-}
+PartialFile::PartialFile(const fs::path& path)
+    : path_(file_behind(path)), partial_(pecs::partial_path(path_)), file_(platform::claim(partial_, path)) {}
 
 void PartialFile::commit() {
-  if (::fsync(descriptor_) != 0 || ::rename(partial_.c_str(), path_.c_str()) != 0)
-    throw bad_output(path_.string(), last_error());
+  if (const std::string why = platform::rename_complete(file_, partial_, path_); !why.empty())
+    throw bad_output(path_.string(), why);
 }
 
 void PartialFile::commit(const fs::path& written) {
-  const int fd = ::open(written.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
-  if (fd < 0) throw bad_output(path_.string(), last_error());
-  const bool done = ::fsync(fd) == 0 && ::rename(written.c_str(), path_.c_str()) == 0;
-  const int failure = errno;
-  ::close(fd);
-  if (!done) throw bad_output(path_.string(), std::strerror(failure));
-  ::unlink(partial_.c_str());
+  if (const std::string why = platform::rename_complete(written, path_); !why.empty())
+    throw bad_output(path_.string(), why);
+  std::error_code ec;
+  fs::remove(partial_, ec);
 }
 
 AtomicFile::AtomicFile(const fs::path& path, Order order) : path_(path) {
-  int fd = -1;
-  if (order == Order::front_to_back && is_stream(path)) {
-    fd = ::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
-  } else {
-    fd = ::fcntl(partial_.emplace(path).descriptor(), F_DUPFD_CLOEXEC, 0);
-  }
-  file_ = fd < 0 ? nullptr : ::fdopen(fd, "wb");
+  file_ = order == Order::front_to_back && is_stream(path) ? platform::open_stream(path)
+                                                           : platform::open_again(partial_.emplace(path).file());
   if (!file_) throw bad_output(path.string(), last_error());
 }
 
@@ -163,9 +119,9 @@ fs::path partial_path(const fs::path& path) {
 }
 
 bool is_stream(const fs::path& path) {
-  struct stat found{};
-  if (::stat(path.c_str(), &found) != 0) return false;
-  return S_ISFIFO(found.st_mode) || S_ISCHR(found.st_mode);
+  std::error_code ec;
+  const fs::file_status found = fs::status(path, ec);
+  return fs::is_fifo(found) || fs::is_character_file(found);
 }
 
 void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::path>& outputs) {

@@ -1,44 +1,15 @@
 #include "pecs/program.h"
 
-#include <fcntl.h>
-#include <fmt/format.h>
-#include <signal.h>
-#include <unistd.h>
-
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <iostream>
 
 #include "pecs/error.h"
+#include "pecs/platform.h"
 
 namespace pecs {
 namespace {
-
-void fill_descriptors() {
-  int fd = 0;
-  do {
-    fd = ::open("/dev/null", O_RDWR);
-  } while (fd >= 0 && fd <= STDERR_FILENO);
-  if (fd >= 0) ::close(fd);
-}
-
-extern "C" void end_at_once(int signal) {
-  constexpr char kLine[] = "pecs: interrupted\n";
-  [[maybe_unused]] const auto written = ::write(STDERR_FILENO, kLine, sizeof kLine - 1);
-  ::_exit(static_cast<int>(signal == SIGINT ? ExitCode::interrupted : ExitCode::terminated));
-}
-
-void take_signals() {
-  for (const int signal : {SIGINT, SIGTERM}) {
-    struct sigaction action{};
-    ::sigaction(signal, nullptr, &action);
-    if (action.sa_handler == SIG_IGN) continue;  // nohup, or in the background
-    action.sa_handler = end_at_once;
-    ::sigaction(signal, &action, nullptr);
-  }
-  ::signal(SIGXFSZ, SIG_IGN);
-}
 
 int print_error(const char* name, const Error& e) {
   std::fprintf(stderr, "%s: %s\n", name, e.what());
@@ -48,8 +19,8 @@ int print_error(const char* name, const Error& e) {
 }  // namespace
 
 int run_program(const char* name, const std::function<int()>& body) noexcept {
-  fill_descriptors();
-  take_signals();
+  platform::open_standard_descriptors();
+  platform::take_signals();
   // OpenCV would print messages of its own on stderr.
   std::cerr.setstate(std::ios::failbit);
   int code = 0;

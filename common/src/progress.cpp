@@ -1,11 +1,12 @@
 #include "pecs/progress.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <cstdio>
 #include <cstdlib>
 #include <string_view>
+
+#include "pecs/platform.h"
 
 namespace pecs {
 namespace {
@@ -21,7 +22,7 @@ Progress::Progress(std::string task, std::uint64_t total, bool quiet)
     : task_(std::move(task)),
       total_(total),
       json_(wants_json()),
-      terminal_(!json_ && isatty(STDERR_FILENO) != 0),
+      terminal_(!json_ && platform::stderr_is_terminal()),
       quiet_(quiet) {}
 
 Progress::~Progress() {

@@ -21,7 +21,7 @@
 
 #include "measure.h"
 #include "pecs/sensor/sensor.h"
-#include "pixels/huge_pages.h"
+#include "pecs/platform.h"
 
 namespace {
 
@@ -45,7 +45,7 @@ Sequence make(const std::string& name) {
   const std::size_t count =
       static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height) * static_cast<std::size_t>(s.frames);
   s.values.reserve(count);
-  sensor::ask_for_huge_pages(s.values.data(), count * sizeof(float));  // as numpy does
+  platform::ask_for_huge_pages(s.values.data(), count * sizeof(float));  // as numpy does
   s.values.resize(count);
   constexpr float kDark = 90, kBright = 240;
   auto* out = s.values.data();

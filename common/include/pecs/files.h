@@ -13,17 +13,16 @@
 #include <string_view>
 #include <vector>
 
+#include "pecs/platform.h"
+
 namespace pecs {
 
 // A claim on "<path>.partial", for libraries that open files themselves (HDF5, libzip, OpenCV). Throws bad_output.
 class PartialFile {
  public:
   explicit PartialFile(const std::filesystem::path& path);
-  ~PartialFile();
-  PartialFile(const PartialFile&) = delete;
-  PartialFile& operator=(const PartialFile&) = delete;
 
-  int descriptor() const { return descriptor_; }  // of the .partial, which is empty at first
+  const platform::Descriptor& file() const { return file_; }  // the .partial, which is empty at first
   const std::filesystem::path& partial_path() const { return partial_; }
   // Flushes the .partial to the disk, or `written` for a library that requires a name of its own, and renames it.
   void commit();
@@ -31,7 +30,7 @@ class PartialFile {
 
  private:
   std::filesystem::path path_, partial_;
-  int descriptor_ = -1;
+  platform::Descriptor file_;
 };
 
 class AtomicFile {

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._poses import interpolate, position_quaternion
 from ._bilinear import on_surface
-from .rig import along, transformed
-
-if TYPE_CHECKING:
-    from .sequence import Camera
+from .rig import Optics, along, transformed
+from .truth import Truth
 
 Array = NDArray[np.float64]
 _SAME_US = 1.0  # a time so near to an instant of the truth is that instant
 _FOUND_PX = 0.05  # how near a point must come to its pixel
+
+
+class Camera(Protocol):
+    """What tracks need of a `pecs.Camera`."""
+
+    width: int
+    height: int
+
+    @property
+    def truth(self) -> Truth: ...
+    @property
+    def view(self) -> Optics: ...
+    def poses(self) -> tuple[Array, Array]: ...
+    def poses_at(self, times_us: ArrayLike) -> Array: ...
 
 
 def follow(camera: Camera, points_px: ArrayLike, at_us: float, times_us: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:

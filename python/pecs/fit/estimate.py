@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError, UsageError, optional_module
+from .._files import write_json
 from ..chip import Chip
 from . import hot as hot_pixels
 from . import pixel_map as pixel_maps
@@ -134,7 +135,23 @@ class Fitted:
 
     def write(self, path: str | Path) -> None:
         """Write the chip profile (.json), and a pixel map to NAME_pixels.json in the same folder."""
-        profile.write(self, Path(path))
+        path, files = Path(path), ", ".join(Path(f).name for f in self.files)
+        out = profile.read(self.chip)
+        out["description"] = f"fitted by pecs fit to {files}; starting profile: {out['name']}"
+        out["name"] = path.stem
+        for key in ("trade_names", "pixel_map"):
+            out.pop(key, None)
+        if self.pixel_map:
+            file = profile.pixel_map_path(path)
+            self.pixel_map.write(file, f"measured by pecs fit from {files}")
+            out["pixel_map"] = file.name
+        for key, of in self.values.items():
+            entry = out["values"].get(key)
+            if entry is not None and of.fitted:
+                value, *interval = np.clip([of.value, *of.interval], *entry["range"])
+                entry["value"], entry["interval"] = float(f"{value:.4g}"), [float(f"{v:.4g}") for v in interval]
+                entry["source"] = f"fitted by pecs fit to {files}: 95 % interval"
+        write_json(path, out)
 
     def summary(self) -> dict[str, Any]:
         """All numbers of the fit, for JSON; as `pecs fit --numbers` writes it."""

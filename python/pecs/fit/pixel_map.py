@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,15 @@ class PixelMap:
     threshold_off: Floats
     deviation: tuple[float, float]
     hot_pixels: list[tuple[int, int, float]] | None
+
+    def write(self, path: Path, source: str) -> None:
+        """Raises PecsOutputError."""
+        out: dict[str, Any] = {"pecs_pixel_map": 1, "source": source, "region": self.region}
+        for key in ("threshold_on", "threshold_off"):
+            out[key] = [round(v, 4) for v in getattr(self, key).ravel().tolist()]
+        if self.hot_pixels is not None:
+            out["hot_pixels"] = self.hot_pixels
+        write_json(path, out)
 
 
 def measure(
@@ -72,7 +82,7 @@ def _simulated(
     with tempfile.TemporaryDirectory() as folder:
         file, chip = Path(folder) / "pixels.json", Path(folder) / "chip.json"
         known = PixelMap((0, 0, COLUMNS, pixels // COLUMNS), *relative, (0, 0), None)
-        profile.write_pixel_map(known, file, "pixels of a simulation")
+        known.write(file, "pixels of a simulation")
         write_json(chip, profile.read(str(model.chip)) | {"pixel_map": file.name})
         events = replace(model, chip=chip, _known={}).switches(data, light_a, values)
     return relative, statistics.tables(events)

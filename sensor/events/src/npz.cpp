@@ -2,7 +2,6 @@
 // width and height. Also read: other integer types and byte orders, booleans, compressed archives; without the size, t
 // in another unit that the user states.
 #include <fmt/format.h>
-#include <unistd.h>
 #include <zip.h>
 
 #include <algorithm>
@@ -20,6 +19,7 @@
 #include "event_columns.h"
 #include "input_file.h"
 #include "pecs/files.h"
+#include "pecs/platform.h"
 
 namespace pecs::events {
 namespace {
@@ -235,15 +235,8 @@ class Spool {
  public:
   Spool(const std::filesystem::path& output, const PartialFile& partial, const char* descr)
       : output_(output), descr_(descr) {
-    std::string name = partial.partial_path().string() + ".XXXXXX";
-    const int fd = ::mkstemp(name.data());
-    if (fd < 0) throw bad_output(output.string(), std::strerror(errno));
-    ::unlink(name.c_str());
-    file_.reset(::fdopen(fd, "w+b"));
-    if (!file_) {
-      ::close(fd);
-      throw bad_output(output.string(), std::strerror(errno));
-    }
+    file_.reset(platform::open_unnamed(partial.partial_path()));
+    if (!file_) throw bad_output(output.string(), std::strerror(errno));
     write(std::string(kHeaderBytes, ' ').data(), kHeaderBytes);
   }
   void write(const void* data, std::size_t bytes) {

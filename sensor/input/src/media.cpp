@@ -1,8 +1,6 @@
 #include "pecs/input/media.h"
 
-#include <dlfcn.h>
-
-#include "pecs/error.h"
+#include "pecs/platform.h"
 
 #ifndef PECS_MEDIA_LIBRARY
 extern "C" const pecs::input::Media pecs_media;
@@ -12,13 +10,8 @@ namespace pecs::input {
 
 const Media& media() {
 #ifdef PECS_MEDIA_LIBRARY
-  static const Media& loaded = []() -> const Media& {
-    void* library = ::dlopen(PECS_MEDIA_LIBRARY, RTLD_LAZY | RTLD_LOCAL);
-    const void* found = library ? ::dlsym(library, "pecs_media") : nullptr;
-    if (!found) throw Error(ExitCode::internal, ::dlerror());
-    return *static_cast<const Media*>(found);
-  }();
-  return loaded;
+  static const void* const loaded = platform::symbol_of(PECS_MEDIA_LIBRARY, "pecs_media");
+  return *static_cast<const Media*>(loaded);
 #else
   return pecs_media;
 #endif

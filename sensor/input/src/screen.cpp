@@ -1,15 +1,12 @@
 #include "pecs/input/screen.h"
 
-#include <fcntl.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <chrono>
 #include <cstdlib>
 #include <opencv2/imgproc.hpp>
 
 #include "pecs/input/media.h"
 #include "pecs/input/video_file.h"
+#include "pecs/platform.h"
 
 namespace pecs::input {
 namespace {
@@ -26,19 +23,7 @@ double microseconds_since(Clock::time_point start) {
 bool display_answers() {
   if (!std::getenv("DISPLAY") && !std::getenv("WAYLAND_DISPLAY")) return false;
   const Media& opencv = media();  // loaded once, for the child as well
-  const pid_t child = ::fork();
-  if (child == 0) {
-    ::alarm(10);  // seconds
-    if (const int null = ::open("/dev/null", O_WRONLY); null >= 0) ::dup2(null, STDERR_FILENO);
-    try {
-      opencv.open_window(kWindow);
-    } catch (...) {
-      ::_exit(1);
-    }
-    ::_exit(0);
-  }
-  int status = 1;
-  return child > 0 && ::waitpid(child, &status, 0) == child && status == 0;
+  return platform::succeeds_in_child([&] { opencv.open_window(kWindow); }, 10);
 }
 
 // ON blue, OFF orange on white (Okabe and Ito, 2008).

@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <numeric>
 
-#include "pixels/huge_pages.h"
+#include "pecs/platform.h"
 #include "pixels/unpack_kernel.h"
 
 namespace pecs::sensor {
@@ -32,7 +32,7 @@ void EventSlots::grow(Slot& slot) {
   if (spare_.empty()) {
     slab_ = std::clamp(2 * slab_, kLeastSlab, kMostSlab);
     slabs_.push_back(std::make_unique_for_overwrite<EventKey[]>(slab_));
-    ask_for_huge_pages(slabs_.back().get(), slab_ * sizeof(EventKey));
+    platform::ask_for_huge_pages(slabs_.back().get(), slab_ * sizeof(EventKey));
     for (std::size_t i = slab_; i > 0; i -= kChunk) spare_.push_back(slabs_.back().get() + i - kChunk);
   }
   if (!slot.chunks.empty()) slot.chunks.back().count = count(slot, slot.chunks.back());
@@ -175,7 +175,7 @@ void EventSorter::append_sorted(std::size_t first_slot, std::size_t end_slot, La
   const std::size_t before = out.size();
   if (out.capacity() < before + ends[slots]) {
     out.reserve(std::max(before + ends[slots], 2 * out.capacity()));
-    ask_for_huge_pages(out.data(), out.capacity() * sizeof(events::Event));
+    platform::ask_for_huge_pages(out.data(), out.capacity() * sizeof(events::Event));
   }
   out.resize(before + ends[slots]);
   if (with_causes_) labelled.causes.resize(out.size());

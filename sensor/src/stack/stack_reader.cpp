@@ -1,16 +1,15 @@
 #include <ImfChannelList.h>
 #include <ImfInputFile.h>
 #include <ImfStringAttribute.h>
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
 
 #include "light/light_kernel.h"
 #include "pecs/error.h"
+#include "pecs/platform.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/text.h"
 #include "stack/exr_block.h"
@@ -242,10 +241,7 @@ void StackReader::read_between_noise(std::int64_t interval, std::size_t which, c
 }
 
 void StackReader::will_read(std::int64_t index) const {
-  const int fd = ::open(frame_path(index).c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return;
-  ::posix_fadvise(fd, 0, 0, POSIX_FADV_WILLNEED);
-  ::close(fd);
+  platform::will_read(frame_path(index));
 }
 
 fs::path StackReader::frame_path(std::int64_t index) const {

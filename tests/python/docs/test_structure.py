@@ -5,6 +5,7 @@ import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
 from support import ROOT
 
 MAX_FILE_LINES = 600
@@ -112,6 +113,14 @@ def test_private_headers_stay_in_their_room():
     assert not wrong, "\n".join(wrong)
 
 
+def test_platform_headers_stay_in_one_room():
+    """Files, locks, processes, signals, memory and libraries of the operating system: pecs/platform.h."""
+    of_system = re.compile(r"#\s*include <((sys|linux)/.*|unistd|fcntl|signal|csignal|dlfcn|poll|termios)\b")
+    found = {name_of(p) for p in sources(".h", ".cpp") if of_system.search(p.read_text())}
+    found = {name for name in found if not name.startswith(("tests/", "scripts/"))}
+    assert found == {"common/src/platform.cpp", "common/src/platform_files.cpp"}
+
+
 def imported(path):
     """Top names of all modules that the file imports."""
     names = set()
@@ -132,16 +141,17 @@ def test_bpy_only_where_blender_is():
         assert not imported(path) & {"bpy", "pecs_blender"}, name_of(path)
 
 
-def modules_imported(path):
-    """Parts of the names of the add-on's modules that one of its files imports."""
-    package = path.relative_to(ROOT / ADD_ON).parts[:-1]
+def modules_imported(path, package_folder=ADD_ON):
+    """Parts of the names of a package's modules that one of its files imports."""
+    root = ROOT / package_folder
+    package = path.relative_to(root).parts[:-1]
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = *package[: len(package) - node.level + 1], *(node.module or "").split(".")
             for alias in node.names:
                 module = Path(*filter(None, base), alias.name)
-                module = module if (ROOT / ADD_ON / module).with_suffix(".py").is_file() else module.parent
-                yield (module / "__init__" if (ROOT / ADD_ON / module).is_dir() else module).parts
+                module = module if (root / module).with_suffix(".py").is_file() else module.parent
+                yield (module / "__init__" if (root / module).is_dir() else module).parts
 
 
 def test_rooms_of_the_add_on_import_downward():
@@ -160,6 +170,17 @@ def test_rooms_of_the_add_on_import_downward():
     assert not wrong, "\n".join(wrong)
     list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert ("camera", "plan") in graph["job", "resolve"]  # there was something to look at
+
+
+@pytest.mark.parametrize("room", ["datasets", "fit", "learning"])
+def test_modules_of_a_room_import_in_one_direction(room):
+    folder, graph = f"python/pecs/{room}", {}
+    for path in sources(".py", under=folder):
+        own = path.relative_to(ROOT / folder).with_suffix("").parts
+        inside = set(modules_imported(path, folder)) - {own}
+        graph[own] = {m for m in inside if (ROOT / folder).joinpath(*m).with_suffix(".py").is_file()}
+    assert any(graph.values())
+    list(TopologicalSorter(graph).static_order())  # raises CycleError
 
 
 def test_rooms_of_the_add_on_state_what_they_import():

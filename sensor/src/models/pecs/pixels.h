@@ -11,7 +11,7 @@
 
 #include "models/entry.h"
 #include "pecs/sensor/random.h"
-#include "pixels/huge_pages.h"
+#include "pixels/zeros.h"
 
 namespace pecs::sensor {
 

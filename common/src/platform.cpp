@@ -1,0 +1,101 @@
+#include "pecs/platform.h"
+
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdint>
+#include <cstring>
+
+#include "pecs/error.h"
+
+namespace pecs::platform {
+namespace fs = std::filesystem;
+namespace {
+
+extern "C" void end_at_once(int signal) {
+  constexpr char kLine[] = "pecs: interrupted\n";
+  [[maybe_unused]] const auto written = ::write(STDERR_FILENO, kLine, sizeof kLine - 1);
+  ::_exit(static_cast<int>(signal == SIGINT ? ExitCode::interrupted : ExitCode::terminated));
+}
+
+}  // namespace
+
+bool stderr_is_terminal() { return ::isatty(STDERR_FILENO) != 0; }
+
+fs::path own_binary() {
+  Dl_info info{};
+  if (::dladdr(reinterpret_cast<const void*>(&own_binary), &info) == 0 || !info.dli_fname) return {};
+  std::error_code error;
+  fs::path path = fs::canonical(info.dli_fname, error);
+  return error ? fs::canonical("/proc/self/exe", error) : path;
+}
+
+fs::path own_program() {
+  std::error_code error;
+  return fs::read_symlink("/proc/self/exe", error);
+}
+
+std::string become(const std::string& program, std::vector<std::string> words) {
+  std::vector<char*> pointers;
+  pointers.reserve(words.size() + 1);
+  for (std::string& word : words) pointers.push_back(word.data());
+  pointers.push_back(nullptr);
+  ::execvp(program.c_str(), pointers.data());
+  return std::strerror(errno);
+}
+
+bool succeeds_in_child(const std::function<void()>& work, unsigned limit_s) {
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::alarm(limit_s);
+    if (const int null = ::open("/dev/null", O_WRONLY); null >= 0) ::dup2(null, STDERR_FILENO);
+    try {
+      work();
+    } catch (...) {
+      ::_exit(1);
+    }
+    ::_exit(0);
+  }
+  int status = 1;
+  return child > 0 && ::waitpid(child, &status, 0) == child && status == 0;
+}
+
+void open_standard_descriptors() {
+  int fd = 0;
+  do {
+    fd = ::open("/dev/null", O_RDWR);
+  } while (fd >= 0 && fd <= STDERR_FILENO);
+  if (fd >= 0) ::close(fd);
+}
+
+void take_signals() {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    struct sigaction action{};
+    ::sigaction(signal, nullptr, &action);
+    if (action.sa_handler == SIG_IGN) continue;  // nohup, or in the background
+    action.sa_handler = end_at_once;
+    ::sigaction(signal, &action, nullptr);
+  }
+  ::signal(SIGXFSZ, SIG_IGN);
+}
+
+const void* symbol_of(const char* library, const char* symbol) {
+  void* opened = ::dlopen(library, RTLD_LAZY | RTLD_LOCAL);
+  const void* found = opened ? ::dlsym(opened, symbol) : nullptr;
+  if (!found) throw Error(ExitCode::internal, ::dlerror());
+  return found;
+}
+
+void ask_for_huge_pages(void* memory, std::size_t bytes) {
+  const auto begin = reinterpret_cast<std::uintptr_t>(memory);
+  const std::uintptr_t first = (begin + kHugePage - 1) / kHugePage * kHugePage;
+  const std::uintptr_t end = (begin + bytes) / kHugePage * kHugePage;
+  if (first < end) ::madvise(static_cast<std::byte*>(memory) + (first - begin), end - first, MADV_HUGEPAGE);
+}
+
+}  // namespace pecs::platform
