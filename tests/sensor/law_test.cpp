@@ -277,6 +277,15 @@ TEST(Law, StillLight) {
       c.chip.contrast_threshold_off = 1.1 * stds * deviation(c.chip, light_fa);
       jury.hear(c);
     }
+  for (const char* name : {"imx636", "gen3_vga"}) {  // noise and leak of an interval are near a float's resolution
+    Chip chip = noisy(name);
+    const double dark_fa = chip.dark_current_a * 1e15;
+    Case c{named("dark", chip, dark_fa), chip, [=](double) { return dark_fa; }, 60'000};
+    c.is_even = true;
+    c.chip.contrast_threshold_on = c.chip.contrast_threshold_off = 0.15 * deviation(chip, dark_fa);
+    c.chip.leak_rate_hz = 20;
+    jury.hear(c);
+  }
   if (long_tests())
     for (const char* name : {"imx636", "davis346", "gen3_vga"})
       for (const double light_fa : {30.0, 300.0}) {
@@ -413,6 +422,21 @@ TEST(LawReference, WithoutNoiseIsTheKernel) {
         EXPECT_EQ(found[p][i].on, expected[p][i].on);
         EXPECT_NEAR(found[p][i].t_us, expected[p][i].t_us, 15) << name << ' ' << i;
       }
+    }
+  }
+}
+
+// Single precision has no room for the leak of one short interval beside the reference.
+TEST(LawReference, TheLeakIsAsFastInShortIntervals) {
+  for (const double spacing_us : {10'000.0, 25.0}) {
+    const Chip chip = noisy("imx636");
+    Case c{"leak", chip, [&](double) { return chip.dark_current_a * 1e15; }, 300'000};
+    c.chip.noise_std = c.chip.threshold_mismatch = 0;
+    c.chip.contrast_threshold_on = 0.001;
+    c.chip.leak_rate_hz = 10;
+    for (const auto& of_pixel : of_kernel(c, spacing_us, 16, 1)) {
+      ASSERT_EQ(of_pixel.size(), 2u) << spacing_us;
+      EXPECT_NEAR(of_pixel[1].t_us, 200'000, 600) << spacing_us;
     }
   }
 }

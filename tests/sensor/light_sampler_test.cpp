@@ -8,7 +8,7 @@
 #include <cmath>
 #include <vector>
 
-#include "light/feed.h"
+#include "sense/feed.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
 

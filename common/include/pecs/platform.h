@@ -1,6 +1,6 @@
 #pragma once
-// All that is the operating system's and not standard C++: files and their locks, processes, signals, memory, libraries.
-// No other file includes its headers (tests/python/docs/test_structure.py).
+// All that is the operating system's and not standard C++: files and their locks, processes, signals, memory,
+// libraries. No other file includes its headers (tests/python/docs/test_structure.py).
 #include <cstddef>
 #include <cstdio>
 #include <filesystem>
@@ -26,9 +26,9 @@ class Descriptor {
 // Opens, locks and empties a file for the output `path`, in this order: a file that another process writes stays
 // intact. Throws bad_output for a link, for what is no regular file, and where another process has the lock.
 Descriptor claim(const std::filesystem::path& file, const std::filesystem::path& path);
-std::FILE* open_stream(const std::filesystem::path& path);  // to write; null: errno
+std::FILE* open_stream(const std::filesystem::path& path);               // to write; null: errno
 std::FILE* open_again(const Descriptor& file, const char* mode = "wb");  // the same file; null: errno
-std::FILE* open_unnamed(const std::filesystem::path& beside);  // to write and read; null: errno
+std::FILE* open_unnamed(const std::filesystem::path& beside);            // to write and read; null: errno
 // Flushes it to the disk, then renames it; the reason where that fails, else empty.
 std::string rename_complete(const Descriptor& file, const std::filesystem::path& from, const std::filesystem::path& to);
 std::string rename_complete(const std::filesystem::path& from, const std::filesystem::path& to);

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "light/light_kernel.h"
 #include "motion/kernel.h"
+#include "stack/light_kernel.h"
 
 namespace pecs::sensor {
 

@@ -7,9 +7,9 @@
 #include <limits>
 #include <numbers>
 
-#include "light/light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
+#include "stack/light_kernel.h"
 
 namespace pecs::sensor {
 

@@ -19,9 +19,9 @@ namespace {
 // Tiles [x0, x1) x [y0, y1), counted in tiles, that a block's points and their neighbours may reach at any instant.
 Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) {
   Vec2 least, most;
-  constexpr int kParts = 32;  // between these instants, a path strays by less than the margin
-  for (int i = 1; i <= kParts; ++i) {
-    const Weights w(static_cast<double>(i) / kParts);
+  constexpr int kBetween = 32;  // between these instants, a path strays by less than the margin
+  for (int i = 1; i <= kBetween; ++i) {
+    const Weights w(static_cast<double>(i) / kBetween);
     const Vec2 low = reach.least(w), high = reach.most(w);
     least = {std::min(least.x, low.x), std::min(least.y, low.y)};
     most = {std::max(most.x, high.x), std::max(most.y, high.y)};

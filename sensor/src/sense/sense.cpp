@@ -2,26 +2,23 @@
 
 #include <fmt/format.h>
 #include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <cmath>
+#include <functional>
 #include <numbers>
 
-#include "light/feed.h"
 #include "pecs/error.h"
 #include "pecs/progress.h"
 #include "pecs/sensor/sensor.h"
 #include "pecs/sensor/stack.h"
 #include "sense/event_sink.h"
-#include "sense/repeats.h"
+#include "sense/feed.h"
+#include "sense/noise_estimate.h"
+#include "sense/warm_up.h"
 
 namespace pecs::sensor {
 namespace {
-
-constexpr double kMuchRenderNoise = 0.1;  // share of the events; more is a warning
-constexpr double kWarmupStep_us = 500;    // between planes of the warm-up
 
 // Reports progress to the terminal and to `options.progress`.
 class ProgressReporter {
@@ -83,26 +80,7 @@ double white_fa(const FrameSource& source, const std::vector<double>& amperes) {
   return white;
 }
 
-// The first plane, until the second is known.
-class HeldPlane {
- public:
-  HeldPlane(const LightBatch& light, std::size_t pixels) : t_us_(light.t_us[0]), steps_(light.steps) {
-    planes_.emplace_back(light.planes[0], light.planes[0] + pixels);
-    if (!light.again.empty()) planes_.emplace_back(light.again[0], light.again[0] + pixels);
-  }
-  LightBatch batch() const {
-    LightBatch batch{{planes_[0].data()}, {t_us_}, steps_, false};
-    if (planes_.size() > 1) batch.again.push_back(planes_[1].data());
-    return batch;
-  }
-
- private:
-  double t_us_;
-  std::int64_t steps_;
-  std::vector<std::vector<float>> planes_;
-};
-
-// One run, from light to events: the verbs of step() in their order are the pipeline.
+// One run, from light to events: simulate() is the pipeline.
 class SenseRun {
  public:
   explicit SenseRun(const SenseOptions& options);
@@ -111,13 +89,13 @@ class SenseRun {
  private:
   std::vector<double> amperes();
   ModelChoice model() const;
-  PixelArray pixels(std::optional<std::uint64_t> noise_seed = {}) const;
-  EventSorter sorter() const;
+  Simulation simulation(std::optional<std::uint64_t> noise_seed = {}) const;
+  void estimate_noise();
   void run_streaming();
-  bool warm_up(const LightBatch& first, const LightBatch& second,
-               const std::function<bool(const LightBatch&)>& advance) const;
+  bool simulate(const LightBatch& light);
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
+  PixelRange all_pixels() const { return pixels_of({0, source_->info().height}); }
   void note_light(const LightBatch& light, PixelRange range);
   Json config() const;
   Json light_report();
@@ -131,32 +109,11 @@ class SenseRun {
   ModelChoice model_;
   bool moves_;  // light between frames is warped along the source's motion
   PhotocurrentReader light_;
-  PixelArray pixels_;
-  EventSorter sorter_;
+  FrameClock clock_;
+  Simulation simulation_;
+  std::optional<NoiseEstimate> noise_;
+  LabelledEvents events_;
   EventSink sink_;
-  // Another simulation, whose events are compared with those of the output.
-  struct Again {
-    Again(const SenseRun& run, std::optional<std::uint64_t> noise_seed)
-        : pixels(run.pixels(noise_seed)),
-          sorter(run.sorter()),
-          repeats(run.source_->info().width, run.timeline_.from_us(), run.timeline_.to_us()) {}
-    PixelArray pixels;
-    EventSorter sorter;
-    Repeats repeats;
-    LabelledEvents events{};
-  };
-  // The same recording of another render, and another recording of the same light.
-  struct Repetitions {
-    // The noise of two renders is in the difference of the lights.
-    explicit Repetitions(const SenseRun& run)
-        : light(*run.source_, run.amperes_, std::numbers::sqrt2 * run.options_.render_noise), other_render(run, {}) {
-      if (model_traits(run.model_.name).takes_noise_seed) other_recording.emplace(run, ~run.options_.seed);
-    }
-    PhotocurrentReader light;
-    Again other_render;
-    std::optional<Again> other_recording;
-  };
-  std::unique_ptr<Repetitions> again_;
   std::vector<float> first_fa_;    // light of the first frame
   std::int64_t light_planes_ = 0;  // given to the pixels
 };
@@ -170,23 +127,28 @@ SenseRun::SenseRun(const SenseOptions& options)
       model_(model()),
       moves_(options.motion && source_->has_motion()),
       light_(*source_, amperes_),
-      pixels_(pixels()),
-      sorter_(sorter()),
+      simulation_(simulation()),
       sink_(options, chip_, timeline_) {
-  if (moves_ && source_->info().has_noise && options_.render_noise > 0) again_ = std::make_unique<Repetitions>(*this);
+  if (moves_ && source_->info().has_noise && options_.render_noise > 0) estimate_noise();
 }
 
-PixelArray SenseRun::pixels(std::optional<std::uint64_t> noise_seed) const {
-  const StackInfo& info = source_->info();
+Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
+  const int width = source_->info().width;
+  const bool labels = options_.labels.has_value();
   ModelChoice model = model_;
   model.noise_seed = noise_seed;
-  return {model, chip_, info.width, info.height, options_.seed, 1.0, options_.labels.has_value()};
-}
-
-EventSorter SenseRun::sorter() const {
   // The readout begins after the warm-up.
   const std::int64_t from_us = timeline_.warms_up() ? timeline_.from_us() : 0;
-  return EventSorter(source_->info().width, options_.labels.has_value(), from_us);
+  return {{model, chip_, width, source_->info().height, options_.seed, 1.0, labels},
+          EventSorter(width, labels, from_us)};
+}
+
+void SenseRun::estimate_noise() {
+  std::optional<Simulation> other_recording;
+  if (model_traits(model_.name).takes_noise_seed) other_recording = simulation(~options_.seed);
+  // The noise of two renders is in the difference of the lights.
+  noise_.emplace(*source_, amperes_, std::numbers::sqrt2 * options_.render_noise, simulation(),
+                 std::move(other_recording), Repeats(source_->info().width, timeline_.from_us(), timeline_.to_us()));
 }
 
 // Per unit of each band's value: of all bands, or of those drawn.
@@ -210,7 +172,7 @@ ModelChoice SenseRun::model() const {
 
 SenseReport SenseRun::run() {
   std::vector<Region> bands;
-  if (!moves_) bands = timeline_.regions(pixels_.pixels_are_independent());
+  if (!moves_) bands = timeline_.regions(simulation_.pixels.pixels_are_independent());
   if (bands.size() > 1)
     run_loop_in_bands(bands);
   else
@@ -227,115 +189,33 @@ SenseReport SenseRun::run() {
                    {"warnings", warnings},
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
-  if (again_) {
-    results_["render_noise"] = again_->other_render.repeats.report();
-    std::string camera;
-    if (again_->other_recording) {
-      const Repeats& repeats = again_->other_recording->repeats;
-      results_["camera_noise"] = repeats.report();
-      camera = fmt::format("; from the camera's own noise: {:.0f} %", 100 * repeats.share());
-    }
-    if (const double share = again_->other_render.repeats.share(); share > kMuchRenderNoise)
-      results_["warnings"].push_back(fmt::format(
-          "{:.0f} % of the events come from the noise of the renderer (they would not come again in another render{}); "
-          "render with more --samples, or with --noise-events 10%",
-          100 * share, camera));
-  }
+  if (noise_) noise_->report(results_);
   return {config(), results_};
 }
 
 void SenseRun::run_streaming() {
-  const Region all{0, source_->info().height};
   ProgressReporter progress(options_, timeline_.steps());
-  FrameClock clock;
-  LabelledEvents events;
-  const auto advance = [&](const LightBatch& light) {
-    FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
-    const auto simulate = [&](PixelArray& pixels, EventSorter& sorter, LabelledEvents& out) {
-      sorter.begin(frames.t_us);
-      pixels.advance(frames, pixels_of(all), sorter);
-      sorter.take(clock.final_us(), out);
-    };
-    simulate(pixels_, sorter_, events);
-    if (again_) {
-      const auto repeat = [&](Again& other, LabelledEvents& first) {
-        simulate(other.pixels, other.sorter, other.events);
-        other.repeats.match(first, other.events, clock.final_us(), frames.last);
-      };
-      if (again_->other_recording) {
-        LabelledEvents same = events;
-        repeat(*again_->other_recording, same);
-      }
-      frames.planes = light.again;
-      repeat(again_->other_render, events);
-    }
-    return sink_.write(events, frames.last);
-  };
   const auto step = [&](const LightBatch& light) {
-    note_light(light, pixels_of(all));
-    if (!advance(light)) return false;
+    note_light(light, all_pixels());
+    if (!simulate(light)) return false;
     progress.at(light.steps);
     return true;
   };
-  // A batch holds one plane at least, and the warm-up needs the light's direction at the start: two planes.
-  std::optional<HeldPlane> start;
-  const auto step_after_warmup = [&](const LightBatch& light) {
-    if (timeline_.warmup_us() == 0 || clock.frames() > 0) return step(light);
-    if (!start && light.planes.size() == 1 && !light.last) {
-      start.emplace(light, pixels_of(all).size());
-      return true;
-    }
-    const LightBatch first = start ? start->batch() : light;
-    return warm_up(first, start ? light : first, advance) && (!start || step(first)) && step(light);
-  };
+  WarmUp run(
+      static_cast<double>(timeline_.warmup_us()), all_pixels().size(),
+      [&](const LightBatch& light) { return simulate(light); }, step);
   if (moves_)
-    feed_moving(timeline_, light_, again_ ? &again_->light : nullptr, step_after_warmup);
+    feed_moving(timeline_, light_, noise_ ? &noise_->light() : nullptr, std::ref(run));
   else
-    feed_frames(timeline_, light_, all, step_after_warmup);
+    feed_frames(timeline_, light_, {0, source_->info().height}, std::ref(run));
 }
 
-// Light before the first frame: it has changed as it does from there to the second plane, by at most kMostChange.
-// Pixels take the direction from the first two planes, so these differ wherever the light will change. second: the
-// batch that holds the second plane: `first`, or the one after it. False: no further batches.
-bool SenseRun::warm_up(const LightBatch& first, const LightBatch& second,
-                       const std::function<bool(const LightBatch&)>& advance) const {
-  constexpr float kMostChange = 0.5f, kTouch = 1e-4f;  // of ln I
-  constexpr std::size_t kPlanes = 16;                  // of a batch
-  const std::size_t pixels = pixels_of({0, source_->info().height}).size();
-  const auto length_us = static_cast<double>(timeline_.warmup_us());
-  const auto count = static_cast<std::size_t>(std::ceil(length_us / kWarmupStep_us));
-  const std::size_t chips = first.again.empty() ? 1 : 2, at = &second == &first ? 1 : 0;
-  const auto light_of = [](const LightBatch& batch, std::size_t chip) -> const std::vector<const float*>& {
-    return chip == 0 ? batch.planes : batch.again;
-  };
-  std::vector<std::vector<float>> per_us(chips, std::vector<float>(pixels));
-  for (std::size_t chip = 0; chip < chips && at < second.planes.size(); ++chip)
-    for (std::size_t i = 0; i < pixels; ++i) {
-      const float change = std::log(light_of(second, chip)[at][i] / light_of(first, chip)[0][i]);
-      per_us[chip][i] = std::isfinite(change) ? change / static_cast<float>(second.t_us[at] - first.t_us[0]) : 0;
-    }
-  std::vector<std::vector<float>> planes(kPlanes * chips, std::vector<float>(pixels));
-  for (std::size_t begin = 0; begin < count; begin += kPlanes) {
-    LightBatch batch;
-    const std::size_t size = std::min(kPlanes, count - begin);
-    for (std::size_t k = 0; k < size; ++k) {
-      batch.planes.push_back(planes[chips * k].data());
-      if (chips > 1) batch.again.push_back(planes[chips * k + 1].data());
-      batch.t_us.push_back(length_us * static_cast<double>(begin + k) / static_cast<double>(count));
-    }
-    tbb::parallel_for(std::size_t{0}, size * chips, [&](std::size_t of) {
-      const std::size_t k = of / chips, chip = of % chips;
-      const auto before_us = static_cast<float>(length_us - batch.t_us[k]);
-      for (std::size_t i = 0; i < pixels; ++i) {
-        const float slope = per_us[chip][i];
-        float change = std::clamp(slope * before_us, -kMostChange, kMostChange);
-        if (begin + k == 0) change += slope > 0 ? kTouch : slope < 0 ? -kTouch : 0;
-        planes[of][i] = light_of(first, chip)[0][i] * (change == 0 ? 1 : std::exp(-change));
-      }
-    });
-    if (!advance(batch)) return false;
-  }
-  return true;
+// False: no further batches.
+bool SenseRun::simulate(const LightBatch& light) {
+  const FrameBatch frames = clock_.batch(light.planes, light.t_us, light.last);
+  simulation_.step(frames, all_pixels(), clock_.final_us(), events_);
+  if (noise_) noise_->step(frames, light.again, all_pixels(), clock_.final_us(), events_);
+  return sink_.write(events_, frames.last);
 }
 
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait
@@ -343,18 +223,19 @@ bool SenseRun::warm_up(const LightBatch& first, const LightBatch& second,
 void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
   const std::int64_t steps = timeline_.steps();
   ProgressReporter progress(options_, steps * std::ssize(bands));
-  sorter_.begin_window(timeline_.from_us(), timeline_.to_us());
+  EventSorter& sorter = simulation_.sorter;
+  sorter.begin_window(timeline_.from_us(), timeline_.to_us());
   for (std::size_t k = 0; k < bands.size(); ++k) {
     FrameClock clock;
     feed_frames(timeline_, light_, bands[k], [&](const LightBatch& light) {
       note_light(light, pixels_of(bands[k]));
-      pixels_.advance(clock.batch(light.planes, light.t_us, light.last), pixels_of(bands[k]), sorter_);
-      sorter_.drop_outside();
+      simulation_.pixels.advance(clock.batch(light.planes, light.t_us, light.last), pixels_of(bands[k]), sorter);
+      sorter.drop_outside();
       progress.at(static_cast<std::int64_t>(k) * steps + light.steps);
       return true;
     });
   }
-  sorter_.take_window([&](LabelledEvents& events, bool last) { sink_.write(events, last); });
+  sorter.take_window([&](LabelledEvents& events, bool last) { sink_.write(events, last); });
 }
 
 PixelRange SenseRun::pixels_of(Region rows) const {
@@ -364,8 +245,7 @@ PixelRange SenseRun::pixels_of(Region rows) const {
 
 // For the run record.
 void SenseRun::note_light(const LightBatch& light, PixelRange range) {
-  const std::size_t pixels = pixels_of({0, source_->info().height}).size();
-  if (!light.planes.empty() && first_fa_.size() < pixels && first_fa_.size() == range.first)
+  if (first_fa_.size() < all_pixels().size() && first_fa_.size() == range.first)
     first_fa_.insert(first_fa_.end(), light.planes[0] + range.first, light.planes[0] + range.end);
   light_planes_ += std::ssize(light.planes);
 }
@@ -404,7 +284,7 @@ Json SenseRun::config() const {
                                                : source_->info().fnumber)},
           {"fps", optional(options_.times.fps)},
           {"motion", moves_},
-          {"render_noise", again_ ? options_.render_noise : 0}};
+          {"render_noise", noise_ ? options_.render_noise : 0}};
 }
 
 }  // namespace

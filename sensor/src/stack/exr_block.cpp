@@ -9,7 +9,7 @@
 #include <cstring>
 #include <optional>
 
-#include "light/light_kernel.h"
+#include "stack/light_kernel.h"
 
 namespace pecs::sensor {
 

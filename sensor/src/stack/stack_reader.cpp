@@ -7,13 +7,13 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "light/light_kernel.h"
 #include "pecs/error.h"
 #include "pecs/platform.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/text.h"
 #include "stack/exr_block.h"
 #include "stack/exr_frame.h"
+#include "stack/light_kernel.h"
 
 namespace pecs::sensor {
 namespace {
@@ -240,9 +240,7 @@ void StackReader::read_between_noise(std::int64_t interval, std::size_t which, c
   read_file(between_path(interval, which), layer_of(info_, kNoise, folder_), {}, sink, 0, info_.file_height());
 }
 
-void StackReader::will_read(std::int64_t index) const {
-  platform::will_read(frame_path(index));
-}
+void StackReader::will_read(std::int64_t index) const { platform::will_read(frame_path(index)); }
 
 fs::path StackReader::frame_path(std::int64_t index) const {
   return has_json_ ? folder_ / frame_name(info_.layers[0], index) : files_.at(static_cast<std::size_t>(index));

@@ -23,6 +23,9 @@ ROOMS = {
     "capi": ("python/c", "common events lens sensor metrics"),
     "apps": ("apps", "common events lens sensor input metrics view calibration"),
 }
+# Folders of sensor/src: each includes only those before it. A public header belongs to the folder of its .cpp.
+SENSOR_ROOMS = ("spectrum", "chip", "stack", "motion", "light", "pixels", "models", "stages", "sense")
+HEADERS_ALONE = {"stack": "stack", "motion": "motion", "event_slots": "pixels"}  # without a .cpp of their name
 # Room of blender_addon/pecs_blender -> rooms that it may import, low to high. Files beside the rooms import none of
 # them, except the entries.
 ADD_ON = "blender_addon/pecs_blender"
@@ -94,6 +97,25 @@ def test_no_room_includes_upward():
                 wrong.append(f"{name_of(path)} includes {header} of {owner}")
     assert not wrong, "\n".join(wrong)
     assert ("calibration", "lens") in seen and ("sensor", "events") in seen  # there was something to look at
+
+
+def test_rooms_of_the_sensor_include_downward():
+    rooms, headers = {}, {}
+    for path in sources(".h", ".cpp", under="sensor/src"):
+        rooms[path] = path.relative_to(ROOT / "sensor/src").parts[0]
+        headers[path.relative_to(ROOT / "sensor/src").as_posix()] = rooms[path]
+    with_code = {path.stem: room for path, room in rooms.items() if path.suffix == ".cpp"} | HEADERS_ALONE
+    for path in sources(".h", under="sensor/include"):
+        if path.stem != "random":  # below all
+            rooms[path] = headers[path.relative_to(ROOT / "sensor/include").as_posix()] = with_code[path.stem]
+    order = SENSOR_ROOMS.index
+    wrong = [
+        f"{name_of(path)} includes {header} of {headers[header]}"
+        for path, room in rooms.items()
+        for header in includes(path)
+        if header in headers and order(headers[header]) > order(room)
+    ]
+    assert not wrong and set(rooms.values()) == set(SENSOR_ROOMS), "\n".join(wrong)
 
 
 def test_private_headers_stay_in_their_room():

@@ -6,7 +6,7 @@
 //   1. src/models/NAME.cpp: a PixelModel and its `extern const ModelEntry kModel_NAME` (src/models/entry.h), with its
 //      parameters (unit, default, range, place in the paper) and traits.
 //      A model that works frame by frame takes its loop from src/models/frame_by_frame.h.
-//   2. The file in the list MODELS of sensor/CMakeLists.txt, the entry in kModels of src/pixels/pixel_model.cpp.
+//   2. The file in the list MODELS of sensor/CMakeLists.txt, the entry in kModels of src/models/pixel_model.cpp.
 //   3. A row in docs/reference/models.md.
 // The property suite (tests/sensor/model_test.cpp) runs over all of them.
 #include <cstdint>

@@ -41,9 +41,6 @@ struct BlockRows {
   HWY_ALIGN float relaxation[kPixels], noise_std[kPixels], gate[kPixels];
 };
 
-inline float leak_of(const KernelArguments& a, const IntervalTimes& t) {
-  return static_cast<float>(a.constants.leak_per_us) * t.h_us;
-}
 inline float a_h_of(const KernelArguments& a, const IntervalTimes& t) {
   return static_cast<float>(a.constants.a_per_us) * t.h_us;
 }

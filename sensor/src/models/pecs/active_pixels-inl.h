@@ -251,7 +251,7 @@ class ActivePixels {
       }
       set(g.v, v1);
     }
-    const V leak = hn::Set(f, leak_of(a_, t));
+    const V leak = hn::Set(f, t.leak);
     v.c0 = hn::MulAdd(leak, begin, v.c0);
     v.c1 = hn::MulAdd(leak, hn::Sub(end, begin), v.c1);
     set(g.q, select(ready, v, cubic(g.q)));
@@ -325,9 +325,9 @@ class ActivePixels {
     const M ends_here = hn::And(is_candidate, hn::RebindMask(f, hn::Eq(later, hn::Load(u32, g.candidate_later))));
     const M must = hn::Or(is_due, ends_here);
     const M many = hn::And(awake, hn::Or(must, hn::Ge(expected, hn::Set(f, kFewCrossings))));
-    // Straight: by the noise's scale, or by time where the path crosses.
-    const V h = hn::Mul(length, hn::Set(f, t.h_us));
-    const M fine = hn::Or(hn::Lt(reach.std, hn::Set(f, kStraight * a_.noise_std)),
+    // Straight: by what noise moves within the amplifier's time, or by time where the path crosses.
+    const V h = hn::Mul(length, hn::Set(f, t.h_us)), slow = hn::Div(50.0f * x, hn::Add(x, y));
+    const M fine = hn::Or(hn::Le(reach.std, kStraight * a_.noise_std * sqrt(hn::Min(hn::Set(f, 1.0f), slow))),
                           hn::And(crosses, hn::Lt(hn::Mul(reach.std, h), hn::Mul(hn::Set(f, kStraight_us), rise))));
     const M full = hn::Or(hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3))),
                           hn::Le(hn::Sub(to, from), hn::Mul(hn::Set(f, kShortest), to)));

@@ -29,10 +29,15 @@ struct SlopeWeights {
   }
 };
 
+// References are floats below 32: they change by the leak of short intervals without a rounding error, which would slow
+// the leak, since it is counted in their last place.
+inline constexpr double kLeakUnit = 0x1p-19;
+
 // Constants of the interval that starts at frame k, and those for the slope at frame k + 1.
 struct IntervalTimes {
   double t0_us, t1_us;
   float h_us, per_h, per_next;  // duration, 1 / duration, 1 / duration of the next interval
+  float leak;                   // of V: a multiple of kLeakUnit
   SlopeWeights slope;
   std::int64_t step;                // index of the interval since the start
   AmplifierWeights amplifier = {};  // without amplifier: 0

@@ -350,7 +350,7 @@ class PixelBlock {
       for (std::size_t k = 0; k < moving_count_; ++k) respond(t, moving_[k]);
     const float* v0_row = kAmplifier ? rows_.y[0] : kReceptor ? rows_.v[0] : rows_.l[0];
     const float* v1_row = kAmplifier ? rows_.y[1] : kReceptor ? rows_.v[1] : rows_.l[1];
-    const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, leak_of(a_, t));
+    const V rate = hn::Set(f, a_h_of(a_, t)), leaks = hn::Set(f, t.leak);
     std::size_t jobs = 0, fast_jobs = 0;
     const auto list = [&](M which, std::uint32_t p, std::uint32_t* to, std::size_t& count) {
       const Compress compress(hn::And(which, hn::FirstN(f, std::min(lanes(), rows_.count - p))));

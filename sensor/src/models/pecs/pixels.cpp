@@ -31,19 +31,22 @@ int poisson(double mean, Next&& next) {
   return count;
 }
 
-IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step, double b_per_us) {
+IntervalTimes interval_times(const std::vector<double>& t_us, std::size_t i, std::int64_t step,
+                             const PixelConstants& constants) {
   const double h0 = t_us[i + 1] - t_us[i], h1 = i + 2 < t_us.size() ? t_us[i + 2] - t_us[i + 1] : h0;
   if (h0 > kMaxInterval_us)
     throw bad_input("frames", fmt::format("time after {} us", t_us[i]), fmt::format("{} us", h0),
                     fmt::format("at most {} us between frames", kMaxInterval_us));
+  const auto leaked = [&](double t) { return std::round(t * constants.leak_per_us / kLeakUnit) * kLeakUnit; };
   return {t_us[i],
           t_us[i + 1],
           static_cast<float>(h0),
           static_cast<float>(1 / h0),
           static_cast<float>(1 / h1),
+          static_cast<float>(leaked(t_us[i + 1]) - leaked(t_us[i])),
           {h0, h1},
           step,
-          b_per_us > 0 ? scalar::amplifier_weights(b_per_us * h0) : AmplifierWeights{}};
+          constants.b_per_us > 0 ? scalar::amplifier_weights(constants.b_per_us * h0) : AmplifierWeights{}};
 }
 
 }  // namespace
@@ -148,7 +151,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
   const std::int64_t first_step = std::max<std::int64_t>(0, batch.first_frame - 2);
   std::vector<IntervalTimes> intervals;
   for (std::size_t i = 0; i < complete; ++i)
-    intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i), constants_.b_per_us));
+    intervals.push_back(interval_times(batch.t_us, i, first_step + static_cast<std::int64_t>(i), constants_));
 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);

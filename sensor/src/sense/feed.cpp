@@ -1,4 +1,4 @@
-#include "light/feed.h"
+#include "sense/feed.h"
 
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>

@@ -10,8 +10,7 @@
 
 namespace pecs::sensor {
 
-// How many planes a batch holds depends on memory, threads and motion, and says nothing: one at least, except at the
-// end of a live source, which has none.
+// How many planes a batch holds depends on memory, threads and motion, and says nothing: one at least.
 struct LightBatch {
   std::vector<const float*> planes;  // [fA], indexed by the pixel in the whole picture; valid until the sink returns
   std::vector<double> t_us;

@@ -1,13 +1,13 @@
 // Included once per instruction set by Highway's foreach_target.
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "light/light_kernel.cpp"
+#define HWY_TARGET_INCLUDE "stack/light_kernel.cpp"
 #include <hwy/foreach_target.h>
 // then
 #include <hwy/highway.h>
 
 #include <cstring>
 
-#include "light/light_kernel.h"
+#include "stack/light_kernel.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
