@@ -13,7 +13,7 @@ import numpy as np
 import pecs
 from pecs.fit.estimate import Estimate
 from pecs.fit.model import Model
-from pecs.fit.recordings import Switches
+from pecs.fit.recordings import StepEvents
 from pecs.fit.search import Problem
 from pecs_lab import over_light
 from pecs_lab.measure import command
@@ -25,10 +25,10 @@ KEPT = (*KEEP, "contrast_threshold_off"), KEEP
 FOUND = ("corner_hz_per_a", "amplifier_cutoff_hz", "contrast_threshold_off")
 
 
-def square_wave(irradiance: float) -> Switches:
+def square_wave(irradiance: float) -> StepEvents:
     """The lamp against dark, without events."""
     none = np.array([])
-    return Switches(
+    return StepEvents(
         f"{irradiance:g} W/m2", (irradiance, 0.0), none.astype(int), none, none.astype(bool), 60,
         over_light.HALF_US * np.arange(2 * CYCLES + 1), np.full(2, over_light.HALF_US), True,
     )  # fmt: skip

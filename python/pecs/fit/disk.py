@@ -21,7 +21,7 @@ from .._errors import PecsError, PecsInputError
 from .._program import program
 from ..events import Events, read
 from ..metrics import delays
-from .recordings import Disk, Quiet
+from .recordings import Disk, StillEvents
 
 GROUPS = (10, 6)  # of pixels, by x and y modulo these, for the jackknife
 LEAST_EVENTS = 5000  # behind edges
@@ -37,7 +37,7 @@ Some = NDArray[Any] | None  # numbers of some groups; None: all
 
 
 @dataclass(frozen=True)
-class Turning:
+class DiskEvents:
     """A recording of Disk, by groups of pixels, regions of the disk, ON and OFF, and bins of delay."""
 
     name: str
@@ -51,7 +51,7 @@ class Turning:
     passes: Floats  # [region, polarity, bin]: pixels times passing edges
     regions: tuple[int, int]  # around and along the radius
     bins_deg: Floats  # edges of the bins
-    beside: Quiet | None  # pixels beside the disk
+    beside: StillEvents | None  # pixels beside the disk
 
     @property
     def period_us(self) -> float:
@@ -78,7 +78,7 @@ class Turning:
 
 
 @dataclass(frozen=True)
-class Answers:
+class DiskStatistics:
     """The simulated pixel in the steady state of a period, by light."""
 
     corner_hz: Floats  # of the photoreceptor in white
@@ -89,7 +89,7 @@ class Answers:
         return mean
 
 
-def load_disk(of: Disk) -> Turning:
+def load_disk(of: Disk) -> DiskEvents:
     """Raises PecsError for a recording in which `pecs align detect` finds no disk."""
     if not np.isfinite(of.contrast) or of.contrast <= 1:
         raise PecsInputError(f"{of.file}: got contrast {of.contrast:g}, wanted white / black above 1")
@@ -110,7 +110,7 @@ def load_disk(of: Disk) -> Turning:
     count = per_edge * passes.sum(axis=0)
     if count.sum() < LEAST_EVENTS:
         raise PecsInputError(f"{of.file}: got {count.sum():.0f} events behind edges, wanted {LEAST_EVENTS}")
-    return Turning(
+    return DiskEvents(
         Path(of.file).name, str(of.file), of.contrast, int(found["sectors"]), speed_deg_s, white,
         count, np.array([part["regions"]["events"] for part in parts]), passes, (regions["around"], regions["along"]),
         np.array(parts[0]["bin_edges_deg"]), _beside(Path(of.file).name, events, found, size, duration_us),
@@ -135,7 +135,9 @@ def _detect(file: str | Path) -> dict[str, Any]:
     return found
 
 
-def _beside(name: str, events: Events, found: dict[str, Any], size: dict[str, int], duration_us: int) -> Quiet | None:
+def _beside(
+    name: str, events: Events, found: dict[str, Any], size: dict[str, int], duration_us: int
+) -> StillEvents | None:
     """Events of pixels that see no edge."""
     y, x = np.mgrid[: size["height"], : size["width"]] + 0.5
     away = np.hypot(x - found["centre_x"]["value"], y - found["centre_y"]["value"])
@@ -144,10 +146,10 @@ def _beside(name: str, events: Events, found: dict[str, Any], size: dict[str, in
         return None
     pixel = events["y"].astype(np.int64) * size["width"] + events["x"]
     counts = [np.bincount(pixel[events["p"] == p], minlength=away.size)[number] for p in (1, 0)]
-    return Quiet(name, 0.0, *counts, duration_us * 1e-6)
+    return StillEvents(name, 0.0, *counts, duration_us * 1e-6)
 
 
-def names(of: Turning) -> list[tuple[str, list[str]]]:
+def names(of: DiskEvents) -> list[tuple[str, list[str]]]:
     out = []
     for edge, cuts in zip(("ON edge", "OFF edge"), of.cuts, strict=True):
         ends = of.bins_deg[cuts]
@@ -155,25 +157,25 @@ def names(of: Turning) -> list[tuple[str, list[str]]]:
     return out
 
 
-def _together(of: Turning, per_edge: Floats) -> list[float]:
+def _together(of: DiskEvents, per_edge: Floats) -> list[float]:
     """Logarithms of the events of the bins that count together."""
     sums = [np.add.reduceat(h, cuts[:-1]) for h, cuts in zip(per_edge, of.cuts, strict=True)]
     out: list[float] = np.log(np.concatenate(sums) + NONE).tolist()
     return out
 
 
-def per_edge(of: Turning, some: Some = None) -> Floats:
+def per_edge(of: DiskEvents, some: Some = None) -> Floats:
     """Recorded events per pixel and edge [polarity, bin]."""
     count = of.count if some is None else of.count[some]
     mean: Floats = count.sum(axis=0) / np.maximum(of.passes.sum(axis=0) * len(count) / len(of.count), 1e-9)
     return mean
 
 
-def measured(of: Turning, some: Some = None) -> list[float]:
+def measured(of: DiskEvents, some: Some = None) -> list[float]:
     return _together(of, per_edge(of, some))
 
 
-def light_map(of: Turning, answers: Answers, some: Some = None, simulated: Some = None) -> Floats:
+def light_map(of: DiskEvents, answers: DiskStatistics, some: Some = None, simulated: Some = None) -> Floats:
     """Corner in white that gives each region its number of events."""
     count = of.region_count if some is None else of.region_count[some]
     expected = np.einsum("lpb,rpb->rl", answers.of(simulated) + of.background, of.passes)
@@ -183,7 +185,7 @@ def light_map(of: Turning, answers: Answers, some: Some = None, simulated: Some 
     return out
 
 
-def predicted_per_edge(of: Turning, answers: Answers, some: Some = None, simulated: Some = None) -> Floats:
+def predicted_per_edge(of: DiskEvents, answers: DiskStatistics, some: Some = None, simulated: Some = None) -> Floats:
     """Simulated events per pixel and edge [polarity, bin] before the recorded disk."""
     log_corner = np.log(answers.corner_hz)
     at = np.interp(np.log(light_map(of, answers, some, simulated)), log_corner, np.arange(len(log_corner)))
@@ -194,12 +196,12 @@ def predicted_per_edge(of: Turning, answers: Answers, some: Some = None, simulat
     return out
 
 
-def predicted(of: Turning, answers: Answers, some: Some = None, simulated: Some = None) -> list[float]:
+def predicted(of: DiskEvents, answers: DiskStatistics, some: Some = None, simulated: Some = None) -> list[float]:
     """`some` of the recording's groups, whose events are the light, and `simulated` ones."""
     return _together(of, predicted_per_edge(of, answers, some, simulated))
 
 
-def lights(of: Turning, answers: Answers, margin: float) -> Floats:
+def lights(of: DiskEvents, answers: DiskStatistics, margin: float) -> Floats:
     """Corners in white that cover those of the regions, and a factor to either side."""
     low, high = np.quantile(light_map(of, answers), (0.02, 0.98))
     number = min(MOST_LIGHTS, 2 + int(np.log(margin**2 * high / low) / LIGHT_STEP))
@@ -207,7 +209,7 @@ def lights(of: Turning, answers: Answers, margin: float) -> Floats:
 
 
 @dataclass(frozen=True)
-class Turned:
+class DiskShape:
     """What a recording of Disk shows of the disk: number of sectors, black and white together; rpm, positive
     counter-clockwise; number of regions around (counter-clockwise from the left) and along the radius; corner frequency
     of the photoreceptor in white [Hz] of each region."""
@@ -224,5 +226,5 @@ class Turned:
         )
 
 
-def turned(of: Turning, answers: Answers) -> Turned:
-    return Turned(of.sectors, of.speed_deg_s / 6, of.regions, light_map(of, answers).tolist())
+def disk_shape(of: DiskEvents, answers: DiskStatistics) -> DiskShape:
+    return DiskShape(of.sectors, of.speed_deg_s / 6, of.regions, light_map(of, answers).tolist())

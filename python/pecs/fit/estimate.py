@@ -22,17 +22,17 @@ from ..chip import Chip
 from . import hot as hot_pixels
 from . import pixel_map as pixel_maps
 from . import profile, readout, statistics
-from .disk import Turned, Turning, load_disk, turned
+from .disk import DiskEvents, DiskShape, disk_shape, load_disk
 from .model import COARSE, Model
 from .recordings import (
     Disk,
     Flash,
-    Quiet,
     Screen,
+    StepEvents,
     Steps,
     Still,
+    StillEvents,
     Stimulus,
-    Switches,
     load_steps,
     load_still,
     load_stimulus,
@@ -127,10 +127,10 @@ class Fitted:
     correlations: dict[str, dict[str, float]]
     compared: list[Compared]
     misfit: float
-    data: list[Switches | Quiet | Turning]
+    data: list[StepEvents | StillEvents | DiskEvents]
     simulated: list[Any]
     screens: dict[str, Screen]
-    disks: dict[str, Turned]
+    disks: dict[str, DiskShape]
     pixel_map: pixel_maps.PixelMap | None = None
 
     def write(self, path: str | Path) -> None:
@@ -229,7 +229,7 @@ def fit(
     known = sorted(FREE.keys() - {LIGHT})
     for key in set(keep) - set(known):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
-    data: list[Switches | Quiet | Turning] = []
+    data: list[StepEvents | StillEvents | DiskEvents] = []
     screens: dict[str, Screen] = {}
     flashes = [of for of in recordings if isinstance(of, Flash)]
     if len(flashes) > 1:
@@ -242,19 +242,19 @@ def fit(
             data.append(load_disk(of))
         elif not isinstance(of, Flash):
             data.append(load_steps(of, region) if isinstance(of, Steps) else load_still(of, region))
-    if not any(isinstance(d, (Switches, Turning)) for d in data):
+    if not any(isinstance(d, (StepEvents, DiskEvents)) for d in data):
         raise UsageError(
             "fit: no recording of steps, of a screen or of a disk, wanted at least one: still light shows no thresholds"
         )
-    if pixel_map and not any(isinstance(d, Switches) for d in data):
+    if pixel_map and not any(isinstance(d, StepEvents) for d in data):
         raise UsageError("fit: pixel map: got no recording of steps or of a screen, wanted one")
-    if photocurrent_a is None and not any(isinstance(d, Switches) for d in data):
+    if photocurrent_a is None and not any(isinstance(d, StepEvents) for d in data):
         lit = [of.file for of in recordings if isinstance(of, Still) and of.level > 0]
         if lit:
             raise UsageError(f"fit: {lit[0]}: got still light without steps or a screen, wanted a known photocurrent")
-    found = hot_pixels.find([d for d in data if isinstance(d, Quiet)])
+    found = hot_pixels.find([d for d in data if isinstance(d, StillEvents)])
     if found:
-        data = [d if isinstance(d, Turning) else d.without(found[0]) for d in data]
+        data = [d if isinstance(d, DiskEvents) else d.without(found[0]) for d in data]
     problem = Problem(Model(chip, pixels, seed), data, photocurrent_a, progress)
     estimate = Estimate(base, problem, [str(r.file) for r in recordings], found, keep)
     read_out = [readout.measure(of, estimate.profile) for of in flashes]
@@ -270,11 +270,11 @@ def fit(
 def _pixel_map(
     fitted: Fitted,
     problem: Problem,
-    hot: tuple[NDArray[np.bool_], Quiet] | None,
+    hot: tuple[NDArray[np.bool_], StillEvents] | None,
     recordings: Sequence[Steps | Still | Stimulus | Disk | Flash],
 ) -> pixel_maps.PixelMap:
     """From the recording of switches with the most events per pixel."""
-    switches = [d for d in problem.data if isinstance(d, Switches)]
+    switches = [d for d in problem.data if isinstance(d, StepEvents)]
     best = max(switches, key=lambda d: len(d.t_us) / d.pixels)
     stills = [r for r in recordings if isinstance(r, Still)]
     values = {key: of.value for key, of in fitted.values.items() if key in FREE}
@@ -290,12 +290,12 @@ class Estimate:
         chip: Chip,
         problem: Problem,
         files: list[str],
-        hot: tuple[NDArray[np.bool_], Quiet] | None = None,
+        hot: tuple[NDArray[np.bool_], StillEvents] | None = None,
         keep: Sequence[str] = (),
     ):
         self.problem, self.files, self.hot = problem, files, hot
         self.profile = {key: float(entry["value"]) for key, entry in chip.info["values"].items()}
-        ramps = [d.ramps_us is not None for d in problem.data if isinstance(d, Switches)]
+        ramps = [d.ramps_us is not None for d in problem.data if isinstance(d, StepEvents)]
         self.has_steps, self.slow = not all(ramps), bool(ramps) and all(ramps)
         self.search = Search(problem, {key: v for key, v in self._start().items() if key not in keep})
         self.search.known = SLOW_SD if self.slow else {}
@@ -304,7 +304,7 @@ class Estimate:
 
     def _start(self) -> dict[str, float]:
         """Of the free values."""
-        quiets = [d for d in self.problem.data if isinstance(d, Quiet)]
+        quiets = [d for d in self.problem.data if isinstance(d, StillEvents)]
         out, fixed = {}, {LIGHT if self.problem.light_a else "corner_hz_per_a"}
         fixed |= set() if quiets else set(STILL_KEYS)
         fixed |= set() if self.has_steps or self.slow else {LIGHT, *OF_SPEED}
@@ -315,7 +315,7 @@ class Estimate:
         rows = zip(self.problem.names, self.problem.measured, strict=True)
         gaps = [float(np.expm1(value)) * 1e-6 for (_, _, name), value in rows if name.startswith("shortest")]
         for of in self.problem.data:
-            if isinstance(of, Switches) and of.ramps_us is not None:
+            if isinstance(of, StepEvents) and of.ramps_us is not None:
                 counted = statistics.thresholds(of)
                 out["noise_std"] *= counted["contrast_threshold_on"] / out["contrast_threshold_on"]
                 out |= counted
@@ -472,11 +472,11 @@ class Estimate:
         misfit = float(np.sqrt(np.mean(((simulated - problem.measured) / deviation) ** 2)))
         values |= {key: _kept(problem.fixed[key], why) for key, why in self.weak.items()} | self._not_searched()
         data, sims = problem.data, problem.simulate(best)
-        if not any(isinstance(d, Quiet) for d in data):
+        if not any(isinstance(d, StillEvents) for d in data):
             for of in data:
-                values |= self._beside(of) if isinstance(of, Turning) else {}
+                values |= self._beside(of) if isinstance(of, DiskEvents) else {}
         corner_hz = self._corner(values.pop(LIGHT, None), values)
-        disks = {d.file: turned(d, sim) for d, sim in zip(data, sims, strict=True) if isinstance(d, Turning)}
+        disks = {d.file: disk_shape(d, sim) for d, sim in zip(data, sims, strict=True) if isinstance(d, DiskEvents)}
         return Fitted(
             str(problem.model.chip),
             self.files,
@@ -491,7 +491,7 @@ class Estimate:
             disks,
         )
 
-    def _beside(self, of: Turning) -> dict[str, Value]:
+    def _beside(self, of: DiskEvents) -> dict[str, Value]:
         """Background, of the pixels beside a disk: at most their rate, since leak and noise are part of it."""
         if of.beside is None:
             return {}

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import optional_module
-from .recordings import Quiet
+from .recordings import StillEvents
 
 
-def find(quiets: list[Quiet]) -> tuple[NDArray[np.bool_], Quiet] | None:
+def find(quiets: list[StillEvents]) -> tuple[NDArray[np.bool_], StillEvents] | None:
     """Pixels that fire ON far more often than all others in the recording with the fewest events, and that recording;
     None without one."""
     if not quiets:
@@ -29,13 +29,13 @@ def share(hot: NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
     return n / total, (low, float(stats.beta.ppf(0.975, n + 1, total - n)))
 
 
-def rates_hz(hot: NDArray[np.bool_], of: Quiet) -> NDArray[np.float64]:
+def rates_hz(hot: NDArray[np.bool_], of: StillEvents) -> NDArray[np.float64]:
     """Rate of each hot pixel above the mean of the others."""
     rates: NDArray[np.float64] = of.on[hot] / of.seconds - of.on[~hot].mean() / of.seconds
     return rates
 
 
-def rate_hz(hot: NDArray[np.bool_], of: Quiet) -> tuple[float, tuple[float, float]]:
+def rate_hz(hot: NDArray[np.bool_], of: StillEvents) -> tuple[float, tuple[float, float]]:
     """Mean rate of the hot pixels above the others, with its 95 % interval: of their spread or of their number of
     events, whichever is wider."""
     n = int(hot.sum())

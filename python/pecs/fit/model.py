@@ -12,7 +12,7 @@ import numpy as np
 from ..chip import Chip
 from ..sensor import LABELS, Sensor
 from . import disk
-from .recordings import Quiet, Switches
+from .recordings import StepEvents, StillEvents
 
 COLUMNS = 64  # of the simulated pixels
 CYCLES, RAMP_CYCLES = 4, 3  # the first is not used
@@ -59,13 +59,13 @@ class Model:
     def still_pixels(self) -> int:
         return self.pixels // 2
 
-    def focus(self, of: disk.Turning, overrides: Mapping[str, float], share: float = 1.0) -> None:
+    def focus(self, of: disk.DiskEvents, overrides: Mapping[str, float], share: float = 1.0) -> None:
         """From here on, only the light of the disk's regions is simulated, with a share of the pixels."""
         rows = max(1, round(share * DISK_PIXELS * self.pixels / DISK_COLUMNS))
         answers = self._turn(of, disk.WIDE / of.period_us * 1e6, max(1, rows // 16), overrides)
         self.disk_lights[of.file] = disk.lights(of, answers, NEAR if share == 1 else FAR), rows
 
-    def turning(self, of: disk.Turning, overrides: Mapping[str, float]) -> disk.Answers:
+    def turning(self, of: disk.DiskEvents, overrides: Mapping[str, float]) -> disk.DiskStatistics:
         if of.file not in self.disk_lights:
             self.focus(of, overrides, COARSE)
         corners_hz, rows = self.disk_lights[of.file]
@@ -73,7 +73,9 @@ class Model:
         key = (of.file, rows, corners_hz.tobytes(), *sorted(moving.items()))
         return self._once(*key, make=lambda: self._turn(of, corners_hz, rows, moving))  # type: ignore[no-any-return]
 
-    def _turn(self, of: disk.Turning, corners_hz: np.ndarray, rows: int, values: Mapping[str, float]) -> disk.Answers:
+    def _turn(
+        self, of: disk.DiskEvents, corners_hz: np.ndarray, rows: int, values: Mapping[str, float]
+    ) -> disk.DiskStatistics:
         """`rows` of pixels at each light, all at the same place of the disk."""
         with Chip(self.chip) as chip:
             kappa = values.get("corner_hz_per_a") or chip.corner_hz_per_a or 1e15
@@ -98,9 +100,9 @@ class Model:
                     block = np.broadcast_to(frames[half % 2], (len(some), *white_fa.shape))
                     found.append(sensor.push(np.ascontiguousarray(block), some))
             events = np.concatenate([*found, sensor.finish()])
-        return disk.Answers(corners_hz, self._per_edge(of, events, rows, len(corners_hz)))
+        return disk.DiskStatistics(corners_hz, self._per_edge(of, events, rows, len(corners_hz)))
 
-    def _per_edge(self, of: disk.Turning, events: np.ndarray, rows: int, lights: int) -> np.ndarray:
+    def _per_edge(self, of: disk.DiskEvents, events: np.ndarray, rows: int, lights: int) -> np.ndarray:
         """[group, light, polarity, bin]"""
         since_us = events["t"] - DISK_PERIODS * of.period_us
         kept = (since_us >= 0) & (since_us < of.period_us)
@@ -130,14 +132,14 @@ class Model:
             self._known[key] = make()
         return self._known[key]
 
-    def switches(self, of: Switches, light_a: float, overrides: Mapping[str, float]) -> Switches:
+    def switches(self, of: StepEvents, light_a: float, overrides: Mapping[str, float]) -> StepEvents:
         still = dict.fromkeys(STILL_KEYS, 0.0)  # at most a few events in a hundred switches
         values = {**overrides, **still}
         ramps_us = () if of.ramps_us is None else of.ramps_us
         key = (of.levels, *of.lengths_us, *ramps_us, of.exact, light_a, *sorted(values.items()))
         return self._once(*key, make=lambda: self._switch(of, light_a, values))  # type: ignore[no-any-return]
 
-    def _switch(self, of: Switches, light_a: float, values: Mapping[str, float]) -> Switches:
+    def _switch(self, of: StepEvents, light_a: float, values: Mapping[str, float]) -> StepEvents:
         k, ramps_us = len(of.levels), of.ramps_us
         cycles, pixels = (CYCLES, self.pixels) if ramps_us is None else (RAMP_CYCLES, self.pixels // 2)
         step_us = max(STEP_US, cycles * float(of.lengths_us.sum()) / FRAMES)
@@ -160,12 +162,12 @@ class Model:
             events = np.concatenate([*found, sensor.finish()])
         events = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
         pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
-        return Switches(
+        return StepEvents(
             of.name, of.levels, pixel, events["t"].astype(float), events["p"] == 1, pixels, np.array(edges),
             of.lengths_us, of.exact, of.ramps_us,
         )  # fmt: skip
 
-    def quiet(self, of: Quiet, light_a: float, overrides: Mapping[str, float]) -> tuple[Quiet, Quiet]:
+    def quiet(self, of: StillEvents, light_a: float, overrides: Mapping[str, float]) -> tuple[StillEvents, StillEvents]:
         """Noise alone, in short; leak and background, for minutes without noise. Their events add up."""
         light = light_a * of.level
         noisy = {k: v for k, v in overrides.items() if not k.startswith(("background", "refractory"))}
@@ -183,16 +185,16 @@ class Model:
                 found.append(sensor.push(block[: len(some)], some))
         return np.concatenate([*found, sensor.finish()])
 
-    def _counts(self, events: np.ndarray, begin_s: float, seconds: float, windows: int) -> Quiet:
+    def _counts(self, events: np.ndarray, begin_s: float, seconds: float, windows: int) -> StillEvents:
         """Windows of time count as further pixels, window by window."""
         pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
         window = np.floor((events["t"] * 1e-6 - begin_s) / seconds).astype(np.int64)
         inside = (window >= 0) & (window < windows)
         number, on = (pixel * windows + window)[inside], events["p"][inside] == 1
         counts = [np.bincount(number[of], minlength=self.still_pixels * windows) for of in (on, ~on)]
-        return Quiet("", 0.0, *counts, seconds)
+        return StillEvents("", 0.0, *counts, seconds)
 
-    def _noise(self, light_a: float, overrides: Mapping[str, float]) -> Quiet:
+    def _noise(self, light_a: float, overrides: Mapping[str, float]) -> StillEvents:
         values = {**overrides, "background_on_hz": 0.0, "background_off_hz": 0.0}
         lit, leaks = light_a > 0, values.get("leak_rate_hz", 0.0) > 0
         seconds, step_us = (NOISE_S, STEP_US) if lit else (DARK_S, DARK_STEP_US)
@@ -208,7 +210,7 @@ class Model:
             events = np.concatenate([*found, self._still(sensor, [settle, fine], level)])
         return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, seconds, 1)
 
-    def _slow(self, overrides: Mapping[str, float], seconds: float) -> Quiet:
+    def _slow(self, overrides: Mapping[str, float], seconds: float) -> StillEvents:
         windows = max(1, int(SLOW_S / seconds))
         end_s = SETTLE_S + windows * seconds
         with self._sensor(self.still_pixels, 1e-12, {**overrides, "noise_std": 0.0}) as sensor:

@@ -20,7 +20,7 @@ from .._files import write_json
 from . import hot as hot_pixels
 from . import profile, statistics
 from .model import COLUMNS, Model
-from .recordings import Still, Switches, load_still_everywhere
+from .recordings import StepEvents, Still, load_still_everywhere
 
 LIMITS = 0.1, 10.0  # of a map
 LEAST_NUMBER = 0.02  # standard deviation of a number of events behind a switch, averaged over cycles
@@ -51,7 +51,7 @@ class PixelMap:
 
 
 def measure(
-    data: Switches, hot: NDArray[np.bool_] | None, stills: Sequence[Still], model: Model, values: Mapping[str, float],
+    data: StepEvents, hot: NDArray[np.bool_] | None, stills: Sequence[Still], model: Model, values: Mapping[str, float],
     light_a: float,
 ) -> PixelMap:  # fmt: skip
     """data: without the hot pixels; hot: those of its region. values: the fitted profile's."""
@@ -71,7 +71,7 @@ def measure(
 
 
 def _simulated(
-    data: Switches, model: Model, values: Mapping[str, float], light_a: float
+    data: StepEvents, model: Model, values: Mapping[str, float], light_a: float
 ) -> tuple[list[Floats], list[statistics.Table]]:
     """Relative thresholds of simulated pixels, ON and OFF, and their events behind each switch."""
     pixels = model.pixels if data.ramps_us is None else model.pixels // 2

@@ -88,7 +88,7 @@ class Screen:
 
 
 @dataclass(frozen=True)
-class Switches:
+class StepEvents:
     """A recording of Steps or of ramps, cut at the switches: switch c leads to levels[c % len(levels)]."""
 
     name: str
@@ -103,14 +103,14 @@ class Switches:
     ramps_us: NDArray[np.float64] | None = None  # durations of ramps, each in the middle of lengths_us; None: steps
     place: tuple[int, int, int, int] | None = None  # the region; None: simulated
 
-    def without(self, hot: NDArray[np.bool_]) -> Switches:
+    def without(self, hot: NDArray[np.bool_]) -> StepEvents:
         number, keep = np.cumsum(~hot) - 1, ~hot[self.pixel]
         pixel, t_us, on = number[self.pixel[keep]], self.t_us[keep], self.on[keep]
         return replace(self, pixel=pixel, t_us=t_us, on=on, pixels=int((~hot).sum()))
 
 
 @dataclass(frozen=True)
-class Quiet:
+class StillEvents:
     """A recording of Still: events of each pixel of the region."""
 
     name: str
@@ -123,7 +123,7 @@ class Quiet:
     def pixels(self) -> int:
         return len(self.on)
 
-    def without(self, hot: NDArray[np.bool_]) -> Quiet:
+    def without(self, hot: NDArray[np.bool_]) -> StillEvents:
         return replace(self, on=self.on[~hot], off=self.off[~hot])
 
 
@@ -158,7 +158,7 @@ def _pixels(events: Events, region: tuple[int, int, int, int]) -> NDArray[np.int
     return pixel
 
 
-def load_still(of: Still, region: Sequence[int] | None = None) -> Quiet:
+def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
     """Raises PecsInputError for light that is not still."""
     if not np.isfinite(of.level) or of.level < 0:
         raise _refuse(of.file, f"level {of.level:g}", "a number from 0 on")
@@ -167,7 +167,7 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> Quiet:
     return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last)
 
 
-def load_still_everywhere(of: Still) -> tuple[Quiet, tuple[int, int, int, int]]:
+def load_still_everywhere(of: Still) -> tuple[StillEvents, tuple[int, int, int, int]]:
     """Of all events, and the smallest region that contains them: x, y, width, height."""
     events = read(of.file)
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
@@ -184,7 +184,7 @@ def _quiet(
     place: tuple[int, int, int, int],
     first: float,
     last: float,
-) -> Quiet:
+) -> StillEvents:
     begin = first + SKIPPED * (last - first)
     seconds = (last - begin) * 1e-6
     if seconds < 0.5:
@@ -195,7 +195,7 @@ def _quiet(
     _check_steady(file, kept, pixel, pixels, begin, last)
     _check_motion(file, kept, pixels, last - begin)
     counts = [np.bincount(pixel[kept["p"] == p], minlength=pixels) for p in (1, 0)]
-    return Quiet(name, level, *counts, seconds)
+    return StillEvents(name, level, *counts, seconds)
 
 
 def _check_flicker(file: str | Path, times: NDArray[Any], begin: float, end: float) -> None:
@@ -263,7 +263,7 @@ def _check_motion(file: str | Path, events: Events, pixels: int, length_us: floa
         )
 
 
-def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
+def load_steps(of: Steps, region: Sequence[int] | None = None) -> StepEvents:
     """Raises PecsInputError for switches that are not those of the levels."""
     levels = tuple(map(float, of.levels))
     if len(levels) < 2 or not all(np.isfinite(v) and v > 0 for v in levels):
@@ -293,7 +293,7 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> Switches:
     exact = of.edges_us is not None
     kept = (t_us >= edges[0]) & (t_us < edges[-1])
     pixel = _pixels(events, place)[kept]
-    out = Switches(
+    out = StepEvents(
         Path(of.file).name, levels, pixel, t_us[kept], on[kept], pixels, edges, np.median(lengths, axis=0), exact,
         place=place,
     )  # fmt: skip
@@ -376,7 +376,7 @@ def _listed(levels: tuple[float, ...]) -> str:
     return ",".join(f"{level:g}" for level in levels[:8]) + ",…" * (len(levels) > 8)
 
 
-def _check_directions(file: str | Path, of: Switches) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _check_directions(file: str | Path, of: StepEvents) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Switch before each event, and whether it goes up."""
     k = len(of.levels)
     switch = np.searchsorted(of.edges_us, of.t_us, "right") - 1
@@ -391,7 +391,7 @@ def _check_directions(file: str | Path, of: Switches) -> tuple[NDArray[np.int64]
     return switch, up
 
 
-def _check_steps(file: str | Path, of: Switches, width: int) -> None:
+def _check_steps(file: str | Path, of: StepEvents, width: int) -> None:
     k = len(of.levels)
     switch, up = _check_directions(file, of)
     shares = []
@@ -412,7 +412,7 @@ def _check_steps(file: str | Path, of: Switches, width: int) -> None:
         )
 
 
-def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[Switches, Screen]:
+def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[StepEvents, Screen]:
     """The ramps, and the screen. Still light is only checked: its noise depends on the light before. Raises
     PecsInputError for flashes that are not those of the page."""
     _, events, place = _load(of.file, region)
@@ -467,13 +467,13 @@ def _ramps(
     events: Events,
     place: tuple[int, int, int, int],
     begin: float,
-) -> Switches:
+) -> StepEvents:
     k, cycles = len(section.levels), stimulus.CYCLES
     ramps = 1e6 * np.array(section.ramps_s)
     lengths = ramps + 1e6 * stimulus.HOLD_S
     edges = begin + np.concatenate([[0.0], np.cumsum(np.tile(lengths, cycles))])
     kept = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
-    out = Switches(
+    out = StepEvents(
         name,
         section.levels,
         _pixels(kept, place),

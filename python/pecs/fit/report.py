@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from .._files import write_text
 from .._text import html
 from . import disk, statistics
-from .disk import Turning
+from .disk import DiskEvents
 from .estimate import Fitted, Value
 from .pixel_map import PixelMap
-from .recordings import Switches
+from .recordings import StepEvents
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1180px; padding: 0 1em; color: #222; }
@@ -53,9 +53,9 @@ def write(found: Fitted, path: Path) -> None:
     ]
     for data, simulated in zip(found.data, found.simulated, strict=True):
         parts.append(f"<h2>{html(data.name)}</h2>")
-        if isinstance(data, Switches):
+        if isinstance(data, StepEvents):
             parts += _switches(data, simulated)
-        if isinstance(data, Turning):
+        if isinstance(data, DiskEvents):
             parts += _disk(data, simulated)
         parts.append(_statistics(found, data.name))
     if found.pixel_map:
@@ -122,7 +122,7 @@ def _statistics(found: Fitted, name: str) -> str:
     return _table(["switch", "statistic", "recording", "model", "difference / noise"], rows)
 
 
-def _switches(data: Switches, simulated: Switches) -> list[str]:
+def _switches(data: StepEvents, simulated: StepEvents) -> list[str]:
     both = zip(statistics.tables(data), statistics.tables(simulated), strict=True)
     parts = [LEGEND]
     for j, (real, model) in enumerate(both):
@@ -138,7 +138,7 @@ def _switches(data: Switches, simulated: Switches) -> list[str]:
     return parts
 
 
-def _disk(data: Turning, simulated: disk.Answers) -> list[str]:
+def _disk(data: DiskEvents, simulated: disk.DiskStatistics) -> list[str]:
     middles = (data.bins_deg[:-1] + data.bins_deg[1:]) / 2
     both = zip(("ON", "OFF"), disk.per_edge(data), disk.predicted_per_edge(data, simulated), strict=True)
     captions = "events per pixel and edge, by rotation since the edge, deg"

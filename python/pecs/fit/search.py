@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from .._errors import optional_module
 from . import disk, statistics
-from .disk import Turning
+from .disk import DiskEvents
 from .model import Model
-from .recordings import Quiet, Switches
+from .recordings import StepEvents, StillEvents
 
 LIGHT = "light_a"  # photocurrent of level 1
 # How a value becomes a coordinate of the search, in which the statistics are nearly linear, and back: rates add up, and
@@ -64,7 +64,7 @@ class Problem:
     `light_a` is known, and `fixed` ones."""
 
     model: Model
-    data: list[Switches | Quiet | Turning]
+    data: list[StepEvents | StillEvents | DiskEvents]
     light_a: float | None
     progress: Callable[[int], object] | None = None
 
@@ -76,24 +76,28 @@ class Problem:
         self.evaluations = 0
         measured: list[float] = []
         for number, of in enumerate(self.data):
-            tables = statistics.tables(of) if isinstance(of, Switches) else []
+            tables = statistics.tables(of) if isinstance(of, StepEvents) else []
             self.later.append([statistics.later_events(t) for t in tables])
             for switch, found in self._of_recording(number, of, tables):
                 measured += found.values()
                 self.names += [(of.name, switch, name) for name in found]
                 self.recording_of += [number] * len(found)
         self.measured = np.array(measured)
-        ramps = [isinstance(d, Switches) and d.ramps_us is not None for d in self.data]
+        ramps = [isinstance(d, StepEvents) and d.ramps_us is not None for d in self.data]
         rows = zip(self.names, measured, self.recording_of, strict=True)
         self.unknown = np.array([statistics.unknown(name, value, ramps[of]) for (_, _, name), value, of in rows])
 
     def _of_recording(
-        self, number: int, of: Switches | Quiet | Turning, tables: list[statistics.Table], pixels: Pixels = None
+        self,
+        number: int,
+        of: StepEvents | StillEvents | DiskEvents,
+        tables: list[statistics.Table],
+        pixels: Pixels = None,
     ) -> list[tuple[str, dict[str, float]]]:
-        if isinstance(of, Turning):
+        if isinstance(of, DiskEvents):
             values = iter(disk.measured(of, pixels))
             return [(edge, {name: next(values) for name in names}) for edge, names in disk.names(of)]
-        if isinstance(of, Quiet):
+        if isinstance(of, StillEvents):
             return [("", statistics.of_quiet(of, pixels))]
         out = []
         for j, table in enumerate(tables):
@@ -105,14 +109,14 @@ class Problem:
         return out
 
     def simulate(self, values: Mapping[str, float]) -> list[Any]:
-        """For each recording its Switches or, for still light, noise and rest."""
+        """For each recording its StepEvents or, for still light, noise and rest."""
         overrides = {**self.fixed, **values}
         light_a = overrides.pop(LIGHT, None) or self.light_a or 0.0
         model = self.model
         return [
             model.turning(of, overrides)
-            if isinstance(of, Turning)
-            else (model.switches if isinstance(of, Switches) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
+            if isinstance(of, DiskEvents)
+            else (model.switches if isinstance(of, StepEvents) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
             for of in self.data
         ]
 
@@ -121,10 +125,12 @@ class Problem:
         pixels."""
         overrides = {key: v for key, v in {**self.fixed, **values}.items() if key != LIGHT}
         for of in self.data:
-            if isinstance(of, Turning):
+            if isinstance(of, DiskEvents):
                 self.model.focus(of, overrides, share)
 
-    def _quiet_rates(self, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> tuple[Floats, Floats, NDArray[Any]]:
+    def _quiet_rates(
+        self, noise: StillEvents, rest: StillEvents, pixels: Pixels = None
+    ) -> tuple[Floats, Floats, NDArray[Any]]:
         """ON and OFF: rates of noise, and of the rest; numbers of the rest's ON events."""
         some = slice(None) if pixels is None else pixels
         count = self.model.still_pixels
@@ -132,7 +138,9 @@ class Problem:
         others = [n.reshape(count, -1)[some] for n in (rest.on, rest.off)]
         return of_noise, np.array([n.mean() / rest.seconds for n in others]), others[0]
 
-    def _quiet_statistics(self, of: Quiet, noise: Quiet, rest: Quiet, pixels: Pixels = None) -> list[float]:
+    def _quiet_statistics(
+        self, of: StillEvents, noise: StillEvents, rest: StillEvents, pixels: Pixels = None
+    ) -> list[float]:
         of_noise, others, counts = self._quiet_rates(noise, rest, pixels)
         out: list[float] = np.sqrt(of_noise + others).tolist()
         if of.level == 0:  # regular events have less variance
@@ -143,11 +151,11 @@ class Problem:
     def _function(self, number: int, sim: Any) -> Callable[[Pixels], list[float]]:
         """Statistics of what `simulate` gave, or of a recording."""
         of = self.data[number]
-        if isinstance(sim, disk.Answers):
+        if isinstance(sim, disk.DiskStatistics):
             return lambda pixels: disk.predicted(of, sim, simulated=pixels)  # type: ignore[arg-type]
         if isinstance(sim, tuple):
             return lambda pixels: self._quiet_statistics(of, *sim, pixels)  # type: ignore[arg-type]
-        tables = statistics.tables(sim) if isinstance(sim, Switches) else []
+        tables = statistics.tables(sim) if isinstance(sim, StepEvents) else []
         return lambda pixels: [
             v for _, found in self._of_recording(number, sim, tables, pixels) for v in found.values()
         ]
@@ -165,7 +173,7 @@ class Problem:
         done = 0
         for number, (of, sim) in enumerate(zip(self.data, sims, strict=True)):
             part = statistics.jackknife(self._function(number, sim), self._groups(sim))
-            if isinstance(sim, disk.Answers):
+            if isinstance(sim, disk.DiskStatistics):
                 part += self._light_covariance(of, sim)  # type: ignore[arg-type]
             if isinstance(sim, tuple):
                 of_noise, others, _ = self._quiet_rates(*sim)
@@ -180,11 +188,11 @@ class Problem:
         """Pixels, or groups of them, that a jackknife leaves out."""
         if isinstance(sim, tuple):
             return self.model.still_pixels
-        if isinstance(sim, (disk.Answers, Turning)):
-            return len(sim.per_edge if isinstance(sim, disk.Answers) else sim.count)
+        if isinstance(sim, (disk.DiskStatistics, DiskEvents)):
+            return len(sim.per_edge if isinstance(sim, disk.DiskStatistics) else sim.count)
         return int(sim.pixels)
 
-    def _light_covariance(self, of: Turning, sim: disk.Answers) -> Floats:
+    def _light_covariance(self, of: DiskEvents, sim: disk.DiskStatistics) -> Floats:
         """What the light, which comes from the recording's own events, adds to the recording's covariance."""
 
         def miss(some: NDArray[Any]) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .recordings import Quiet, Switches
+from .recordings import StepEvents, StillEvents
 
 KEPT_EVENTS = 10  # of a pixel behind a switch whose times are used
 LATER = (2, 3, 4, 6, 9)  # events whose median time behind the first one counts
@@ -36,7 +36,7 @@ class Table:
         return Table(self.times_us[pixels], self.count[pixels], self.gap_us[pixels])
 
 
-def tables(of: Switches) -> list[Table]:
+def tables(of: StepEvents) -> list[Table]:
     """One for each level; the first cycle is left out, since the pixels may not yet repeat."""
     k = len(of.levels)
     cycles = (len(of.edges_us) - 1) // k
@@ -128,7 +128,7 @@ def of_switch(
     return out
 
 
-def thresholds(ramps: Switches) -> dict[str, float]:
+def thresholds(ramps: StepEvents) -> dict[str, float]:
     """By counting, without noise and leak: a ramp that is longer by a threshold has an event more."""
     of = tables(ramps)
     number = np.array([t.count.mean() for t in of])
@@ -139,7 +139,7 @@ def thresholds(ramps: Switches) -> dict[str, float]:
     return out | {"threshold_mismatch": float(np.mean(spreads))}
 
 
-def of_quiet(of: Quiet, pixels: NDArray[Any] | None = None) -> dict[str, float]:
+def of_quiet(of: StillEvents, pixels: NDArray[Any] | None = None) -> dict[str, float]:
     on, off = (of.on, of.off) if pixels is None else (of.on[pixels], of.off[pixels])
     out = {f"root of the {p} rate, Hz": float(np.sqrt(n.mean() / of.seconds)) for p, n in (("ON", on), ("OFF", off))}
     if of.level == 0:

@@ -76,7 +76,7 @@ def test_a_wrong_command_is_one_line(run, recording, tmp_path, words, code, said
 
 def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, monkeypatch):
     """R_360_L: what `imx636` gives in the estimated light."""
-    from pecs.fit.disk import measured, per_edge, predicted, predicted_per_edge, turned
+    from pecs.fit.disk import disk_shape, measured, per_edge, predicted, predicted_per_edge
     from pecs.fit.model import Model
 
     recording = shared / "data/real/R_360_L.hdf5"
@@ -87,7 +87,7 @@ def test_the_lab_recording_is_described_by_its_profile(shared, pecs_program, mon
     model = Model("imx636", PIXELS)
     model.focus(of, {})
     answers = model.turning(of, {})
-    shown = turned(of, answers)
+    shown = disk_shape(of, answers)
     assert shown.sectors == 4 and shown.rpm == pytest.approx(349.8, abs=0.2)
     assert 4 < np.median(shown.corner_hz) < 6
     assert np.abs(per_edge(of) - predicted_per_edge(of, answers)).sum() < 0.2
