@@ -139,7 +139,7 @@ def stack(folder: Path) -> Path:
 
 
 def disk_events(count: int) -> np.ndarray:
-    """Of a disk of four sectors on 320 x 240 pixels, 2000 deg/s, shortly behind their edges."""
+    """Events of a disk of four sectors on 320 x 240 pixels, 2000 deg/s, shortly behind their edges."""
     rng, events = np.random.default_rng(1), np.zeros(count, pecs.EVENT_DTYPE)
     t, edge = np.sort(rng.integers(0, 600_000, count)), rng.integers(0, 4, count)
     angle, radius = np.radians(90 * edge + 2000e-6 * t - 3 * rng.random(count)), 100 * np.sqrt(rng.random(count))

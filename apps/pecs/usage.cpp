@@ -24,7 +24,7 @@ std::size_t edits(const std::string& a, const std::string& b) {
   return row.back();
 }
 
-// Of equally near names the one with the same first letter.
+// Among equally near names, the one with the same first letter.
 std::string nearest(const std::string& word, const std::vector<std::string>& names) {
   return *std::ranges::min_element(
       names, {}, [&](const std::string& name) { return std::pair(edits(word, name), name[0] != word[0]); });

@@ -132,8 +132,8 @@ std::vector<cv::Point2d> circles(const cv::Mat& picture, const BoardShape& shape
   return {};
 }
 
-// Of points that were found on the picture of all events: by their difference on the pictures of either half of the
-// events, picture_of(0) and picture_of(1). None if a half shows no board.
+// Deviation of points that were found on the picture of all events: by their difference on the pictures of either half
+// of the events, picture_of(0) and picture_of(1). None if a half shows no board.
 std::optional<double> deviation_px(const std::vector<cv::Point2d>& points, const BoardShape& shape,
                                    const auto& picture_of, std::string& why) {
   std::array<std::vector<cv::Point2d>, 2> half = {points, points};

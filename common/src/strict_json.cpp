@@ -66,7 +66,7 @@ class StrictBuilder : public nlohmann::json_sax<Json> {
     std::string key;  // in the level above, when that is an object
   };
 
-  // Where the next value goes.
+  // The place of the next value.
   std::string place() const {
     std::string out;
     for (std::size_t i = 0; i < open_.size(); ++i) {

@@ -28,7 +28,7 @@ pecs::Json model_json(const std::string& name) {
           {"parameters", parameters}};
 }
 
-// What the photocurrent depends on, without a stack on disk.
+// Data of a stack that the photocurrent depends on, without a stack on disk.
 StackInfo light_from(pecs::JsonObject& o) {
   StackInfo info;
   const std::string quantity = o.one_of("quantity", {"irradiance", "radiance", "relative"});

@@ -41,7 +41,7 @@ R guard(pecs_error* error, F&& f) noexcept {
     return R{-1};
 }
 
-// What a pointer of the caller points to.
+// The object behind a pointer of the caller.
 template <class T>
 T& given(T* pointer, const char* name) {
   if (!pointer) throw Error(ExitCode::usage, fmt::format("{}: got NULL", name));

@@ -10,7 +10,7 @@ using namespace pecs::sensor;
 
 namespace {
 
-// What `pecs sense` says on stderr.
+// Prints the messages of `pecs sense` on stderr.
 pecs::Json warnings_of(const SenseOptions& options, const pecs::Json& results) {
   pecs::Json out = results.at("warnings");
   const auto bad = [&](const char* kind) { return results.at("bad_values").at(kind).get<std::int64_t>(); };

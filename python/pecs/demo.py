@@ -95,7 +95,7 @@ def write_stack(folder: Path) -> None:
 
 
 def ideal_pixel(chip: Chip) -> tuple[float, float, float]:
-    """What `measured` says of a pixel that answers at once and has the chip's thresholds alone."""
+    """The result of `measured` for a pixel that answers at once and has the chip's thresholds alone."""
     on_step, off_step = chip.contrast_threshold_on, chip.contrast_threshold_off
     level, peak, ons, offs, places = 0.0, math.log(WHITE / DARK), 0, 0, []  # log light over dark
     for turn in range(40):  # until it repeats, in the mean
@@ -162,7 +162,7 @@ def demo(folder: Path, talk: list[str]) -> None:
 
 
 def blender_folder() -> Path | None:
-    """Where pecs_blender's scenes lie, if it and bpy are installed."""
+    """The folder of pecs_blender's scenes, if it and bpy are installed."""
     found = importlib.util.find_spec("pecs_blender")
     if not found or not found.submodule_search_locations or not importlib.util.find_spec("bpy"):
         return None

@@ -1,5 +1,5 @@
 #pragma once
-// What benches share.
+// Parts that benches share.
 #include <algorithm>
 #include <ctime>
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace pecs::bench {
 
-// Of this process, all threads.
+// Time of this process, all threads.
 inline double cpu_s() {
   timespec t{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);

@@ -27,7 +27,7 @@ def repository_path(source, link):
 
 
 def site_path(path):
-    """Where the site has a file of the repository."""
+    """The site's address of a file of the repository."""
     if path.startswith("docs/"):
         return path.removeprefix("docs/")
     return f"repo/{path}" if path.endswith((".md", *PICTURES)) else f"repo/{path}.md"

@@ -221,7 +221,7 @@ def blind_spots(rows: dict, fits: dict, recording: str, **_: object) -> list[str
 
 
 def folds_of(halves: Halves) -> dict[str, tuple[Part, Part]]:
-    """What is fitted, what is scored."""
+    """The part that is fitted and the part that is scored, by name."""
 
     def within(part: Part, kept: np.ndarray) -> Part:
         return Part(part.begin_us, part.end_us, kept)

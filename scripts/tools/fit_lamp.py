@@ -1,5 +1,5 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""Where the lab's lamp hangs, from a recording of the turning disk: parameters of scenes/rotating_disk.
+"""Finds where the lab's lamp hangs, from a recording of the turning disk: parameters of scenes/rotating_disk.
 
     scripts/tools/fit_lamp.py RECORDING [--sequence scenes/rotating_disk/sequences/R_360_L.json] [--length-mm 1200]
 

@@ -89,7 +89,7 @@ class ChangedParts:
         return frame
 
     def _merged(self, anchor: Anchor, frame: np.ndarray) -> Picture:
-        """Where no sample of a block changed, the anchor's values: still parts stay bit-identical."""
+        """The anchor's values where no sample of a block changed: still parts stay bit-identical."""
         different = pixels_of(tiles_with((frame != anchor.frame).any(0), BLOCK_PX), self._stage.size, BLOCK_PX)
         reached = grown(tiles_with(different))  # by diffraction
         own = anchor.picture

@@ -66,7 +66,7 @@ class Stage:
             self.source.place([one.camera for one in self.passes])
 
     def camera_of(self, one: lens.Pass) -> bpy.types.Object:
-        """That renders a pass now."""
+        """The camera that renders a pass now."""
         return one.camera or self.source.own_camera
 
     def print_bands(self) -> None:

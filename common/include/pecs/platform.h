@@ -47,7 +47,7 @@ void open_standard_descriptors();  // closed ones among 0 to 2 become /dev/null
 // limit of file size is an error and no signal.
 void take_signals();
 
-// Of a shared library. Throws internal.
+// A symbol of a shared library. Throws internal.
 const void* symbol_of(const char* library, const char* symbol);
 
 inline constexpr std::size_t kHugePage = std::size_t{2} << 20;

@@ -1,4 +1,4 @@
-"""What a set says of itself: datasheet.md for people (Gebru et al. 2021), croissant.json for machines (MLCommons
+"""Descriptions of a set: datasheet.md for people (Gebru et al. 2021), croissant.json for machines (MLCommons
 Croissant 1.0)."""
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _croissant(recipe: Recipe, manifest: dict[str, Any], output: Path) -> dict[s
 
 
 def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -> str:
-    """Of the sequences that were made, by their own records."""
+    """The datasheet of the sequences that were made, by their own records."""
     shares = ", ".join(f"{n} {markdown(split)}" for split, n in _counts(sequence.split for sequence in made).items())
     scenes = "\n".join(f"- {markdown(name)}: {count}" for name, count in _counts(s.info["scene"] for s in made).items())
     cameras = {

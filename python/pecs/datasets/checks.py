@@ -88,8 +88,8 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
 
 
 def left_out(camera: Camera) -> dict[str, Any]:
-    """What `flow` and `boxes` do not compare: objects that deform, and pixels of the flow that are hidden, outside or
-    unknown at the next instant."""
+    """Truth that `flow` and `boxes` do not compare: objects that deform, and pixels of the flow that are hidden,
+    outside or unknown at the next instant."""
     truth, shares, hidden = camera.truth, [], []
     for i in range(len(truth)):
         shares.append(float(np.isin(truth.instances(i), list(truth.deforming)).mean()))

@@ -131,7 +131,7 @@ def parts() -> list[str]:
 
 
 def _errors(data: Mapping, option: str, wanted: float | None) -> Errors:
-    """Of a part's file, whose keys end with a unit. wanted: the full range, one of the part's."""
+    """Errors by a part's file, whose keys end with a unit. wanted: the full range, one of the part's."""
     unit = option.rpartition("_")[2]
     ranges = data[f"ranges_{unit}"]
     if wanted is not None and wanted not in ranges:

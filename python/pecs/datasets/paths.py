@@ -65,7 +65,7 @@ class Clock:
 
     @cached_property
     def _growth_per_s(self) -> float:
-        """Of the logarithm of the speed, over the clock."""
+        """Derivative of the logarithm of the speed, over the clock."""
         end = float(self._pieces(self.duration_s) - self._pieces(0.0))
         growth = math.log(self.speed[1] / self.speed[0])
         return growth / end if end and abs(growth) >= 1e-9 else 0.0

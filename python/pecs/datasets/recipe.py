@@ -182,7 +182,7 @@ class Recipe:
         return next(s for s in self.scenes if s.name == name)
 
     def render_options(self, scene: SceneEntry, camera: CameraEntry) -> dict[str, Any]:
-        """Of the light."""
+        """Options of the light."""
         return self.render | scene.options | camera.options | self.permission
 
     @property
@@ -251,7 +251,7 @@ def load(path: Path) -> Recipe:
 
 
 def _limits(table: Table) -> dict[str, float]:
-    """Of the quality of a sequence (checks.py); speed_m_per_s also of the trajectories."""
+    """Limits of the quality of a sequence (checks.py); speed_m_per_s also of the trajectories."""
     found = {key: table.number(key, value, 0, 1) for key, value in LIMITS.items()}
     speed = table.optional(table.number, "speed_m_per_s", low=1e-3, high=1e4)
     return found if speed is None else found | {"speed_m_per_s": speed}

@@ -1,4 +1,4 @@
-"""What is wrong with a recipe beyond its tables, before the first ray: every part that it names is opened or tried with
+"""Faults of a recipe beyond its tables, before the first ray: every part that it names is opened or tried with
 the ends of its drawn values."""
 
 from __future__ import annotations

@@ -50,13 +50,13 @@ class Lens:
         return out.reshape(rect_px.shape)
 
     def to_rect(self, points_px: NDArray[Any]) -> NDArray[np.float64]:
-        """Where points of the camera's own picture [..., 2] lie in the rectified one; NaN stays NaN."""
+        """Points of the camera's own picture [..., 2] in the rectified one; NaN stays NaN."""
         known = np.isfinite(points_px).all(-1, keepdims=True)
         points = np.where(known, points_px, 0)
         return np.where(known, self._model(points) + bilinear(self._missed, points), np.nan)
 
     def from_rect(self, rect_px: NDArray[Any]) -> NDArray[np.float64]:
-        """Where points of the rectified picture [..., 2] lie in the camera's own one; NaN for those that do not."""
+        """Points of the rectified picture [..., 2] in the camera's own one; NaN for those that are not in it."""
         rect_px = np.asarray(rect_px, np.float64)
         with np.errstate(invalid="ignore"):
             points = self._model_back(rect_px)
@@ -78,7 +78,7 @@ class Lens:
 
 
 class Rectifier:
-    """What one camera's pictures need to become rectified ones."""
+    """The map from one camera's pictures to rectified ones."""
 
     def __init__(self, camera: Camera):
         self.camera, self.lens = camera, Lens(camera)

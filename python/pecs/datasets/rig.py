@@ -48,7 +48,7 @@ def stack_json(stack: Path) -> dict[str, Any]:
 
 
 def optics(stack: dict[str, Any], lens_path: str) -> Optics:
-    """Of a stack's stack.json, with the lens as the recipe names it."""
+    """Optics of a stack's stack.json, with the lens as the recipe names it."""
     lens, nm = stack["lens"], [band["lambda_nm"] for band in stack["bands"]]
     setting = {
         "width": stack["width"],

@@ -308,7 +308,7 @@ def frames_of(sequence: Sequence, camera: Camera) -> list[Frame]:
 
 
 def rect_from_rect(camera: Camera, other: Camera) -> NDArray[np.float64]:
-    """Where the rectified frame of another camera lies in that of this one [4, 4]."""
+    """Pose of another camera's rectified frame in that of this one [4, 4]."""
     camera_from_other = np.linalg.inv(camera.rig_from_camera) @ other.rig_from_camera
     rect_from_camera, rect_from_other = np.eye(4), np.eye(4)
     rect_from_camera[:3, :3], rect_from_other[:3, :3] = camera.R_rect, other.R_rect

@@ -1,4 +1,4 @@
-"""Where surface points that a camera sees at one time are at other times (`Camera.tracks`)."""
+"""Tracks: places at other times of the surface points that a camera sees at one time (`Camera.tracks`)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FOUND_PX = 0.05  # how near a point must come to its pixel
 
 
 class Camera(Protocol):
-    """What tracks need of a `pecs.Camera`."""
+    """The members of `pecs.Camera` that tracks need."""
 
     width: int
     height: int
@@ -92,8 +92,8 @@ def _inside(camera: Camera, pixels: Array) -> NDArray[np.bool_]:
 
 
 def _surface(camera: Camera, pixels: Array, at_us: float) -> tuple[Array, NDArray[np.int64]]:
-    """What pixels see at a time: points in the axes of their objects, and these objects' ids; NaN unknown. Between two
-    instants, the nearest of the points of either one that come to the pixel."""
+    """Surface that pixels see at a time: points in the axes of their objects, and these objects' ids; NaN unknown.
+    Between two instants, the nearest of the points of either one that come to the pixel."""
     around = _instants(camera, at_us)
     if len(around) == 1:
         return _surface_of(camera, around[0], pixels)

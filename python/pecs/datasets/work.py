@@ -160,7 +160,7 @@ def _sums(files: dict[str, Path]) -> dict[str, Any]:
 
 
 def content_sha256(path: Path) -> str:
-    """Of a file, or of all files of a folder with their names; without what Python compiles."""
+    """Digest of a file, or of all files of a folder with their names; without what Python compiles."""
     if path.is_file():
         return _file_sha256(path, path.stat().st_mtime_ns)
     digest = hashlib.sha256()

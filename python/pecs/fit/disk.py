@@ -210,7 +210,7 @@ def lights(of: DiskEvents, answers: DiskStatistics, margin: float) -> Floats:
 
 @dataclass(frozen=True)
 class DiskShape:
-    """What a recording of Disk shows of the disk: number of sectors, black and white together; rpm, positive
+    """The disk as a recording of it shows it: number of sectors, black and white together; rpm, positive
     counter-clockwise; number of regions around (counter-clockwise from the left) and along the radius; corner frequency
     of the photoreceptor in white [Hz] of each region."""
 

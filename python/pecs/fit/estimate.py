@@ -303,7 +303,7 @@ class Estimate:
         self.weak: dict[str, str] = {}  # values that the recordings do not constrain, and why
 
     def _start(self) -> dict[str, float]:
-        """Of the free values."""
+        """Values where the search starts."""
         quiets = [d for d in self.problem.data if isinstance(d, StillEvents)]
         out, fixed = {}, {LIGHT if self.problem.light_a else "corner_hz_per_a"}
         fixed |= set() if quiets else set(STILL_KEYS)

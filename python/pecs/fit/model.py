@@ -33,7 +33,7 @@ SLOW_KEYS = (*STILL_KEYS, "contrast_threshold_on", "contrast_threshold_off", "th
 
 
 def _switch_times_us(length_us: float, step_us: float) -> np.ndarray:
-    """Of frames behind a switch: a step takes 1 us."""
+    """Times of frames behind a switch: a step takes 1 us."""
     return np.concatenate([[0.0, 1.0], np.arange(1.0 + step_us, length_us - 0.5, step_us)])
 
 

@@ -72,7 +72,7 @@ class Disk:
 
 @dataclass(frozen=True)
 class Screen:
-    """What the flashes of a recording of Stimulus show of the screen: its refresh rate [Hz], None if they do not come
+    """The screen as the flashes of a recording of Stimulus show it: its refresh rate [Hz], None if they do not come
     at multiples of a period; time from the first to the last tenth of the events when a flash begins [s]; delay [s]
     from the left to the right edge of the region, and from its upper to its lower edge."""
 
@@ -168,7 +168,7 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
 
 
 def load_still_everywhere(of: Still) -> tuple[StillEvents, tuple[int, int, int, int]]:
-    """Of all events, and the smallest region that contains them: x, y, width, height."""
+    """Counts of all events, and the smallest region that contains them: x, y, width, height."""
     events = read(of.file)
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
     place = left, top, right - left + 1, bottom - top + 1

@@ -167,7 +167,7 @@ class Problem:
         return np.concatenate([self._function(i, sim)(None) for i, sim in enumerate(self.simulate(values))])
 
     def covariance(self, values: Mapping[str, float] | None = None) -> Floats:
-        """Of the measured statistics or, with values, of the simulated ones; recordings are independent."""
+        """Covariance of the measured statistics or, with values, of the simulated ones; recordings are independent."""
         sims = self.data if values is None else self.simulate(values)
         out = np.zeros((len(self.measured),) * 2)
         done = 0
@@ -193,7 +193,7 @@ class Problem:
         return int(sim.pixels)
 
     def _light_covariance(self, of: DiskEvents, sim: disk.DiskStatistics) -> Floats:
-        """What the light, which comes from the recording's own events, adds to the recording's covariance."""
+        """The light comes from the recording's own events: its part of the recording's covariance."""
 
         def miss(some: NDArray[Any]) -> Floats:
             return np.subtract(disk.predicted(of, sim, some), disk.measured(of, some))

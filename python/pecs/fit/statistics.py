@@ -74,7 +74,7 @@ def _shortest(cell: NDArray[np.int64], t_us: Floats) -> Floats:
 
 
 def later_events(table: Table) -> list[int]:
-    """Of LATER, those that nearly all pixels of a recording have."""
+    """Those of LATER that nearly all pixels of a recording have."""
     return [k for k in LATER if (table.count >= k).mean() > 0.8]
 
 

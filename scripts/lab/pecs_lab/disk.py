@@ -60,9 +60,9 @@ class Disk:
 
 
 def edges(picture: np.ndarray, disk: Disk, t_us: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of the logistic curve of least squares through each edge's profile [edges, RADII]: how far it lies ahead of the
-    edge, along the motion, and its width from 10 to 90 %, both in px. NaN where the picture has no such edge: another
-    polarity, or a curve that explains nothing."""
+    """Place of the logistic curve of least squares through each edge's profile [edges, RADII]: how far it lies ahead of
+    the edge, along the motion, and its width from 10 to 90 %, both in px. NaN where the picture has no such edge:
+    another polarity, or a curve that explains nothing."""
     from_edge = np.arange(-HALF_DEG, HALF_DEG + STEP_DEG / 2, STEP_DEG)
     between, sign = 360 / disk.sectors, np.sign(disk.speed_deg_s)
     at = disk.on_edge_deg + disk.speed_deg_s * t_us * 1e-6 + between * np.arange(disk.sectors)

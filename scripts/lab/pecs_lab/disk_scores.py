@@ -61,8 +61,8 @@ def between(events: np.ndarray, disk: Disk, begin_us: float, end_us: float) -> t
 
 
 def seen(events: np.ndarray, disk: Disk) -> np.ndarray:
-    """Of each event: block of the map, sector of 12, ring of 4, delay (not a number from 100 degrees on), and log10 of
-    the microseconds since the pixel's last one (not a number for its first)."""
+    """Place of each event: block of the map, sector of 12, ring of 4, delay (not a number from 100 degrees on), and
+    log10 of the microseconds since the pixel's last one (not a number for its first)."""
     angle, radius = disk.polar(events["x"].astype(float), events["y"].astype(float))
     low, high = (share * disk.radius_px for share in RING)
     out = np.empty(len(events), SEEN)
@@ -128,7 +128,7 @@ def distance(real: np.ndarray, sim: np.ndarray) -> float:
 
 
 def measures(real: np.ndarray, sim: np.ndarray, duration_us: float) -> dict[str, float]:
-    """Of two streams as `seen` gives them."""
+    """Distances of two streams as `seen` gives them."""
     found = {}
     for p, name in ((1, "on"), (0, "off")):
         both = [delays_of(of, p) for of in (real, sim)]
@@ -199,7 +199,7 @@ def against_light(local: np.ndarray, logs: np.ndarray) -> dict[str, float]:
 
 @dataclass
 class Scored:
-    """What simulations are scored against: a part of a recording, on a coarser grid."""
+    """The target of simulations: a part of a recording, on a coarser grid."""
 
     events: np.ndarray
     disk: Disk
@@ -214,8 +214,8 @@ class Scored:
         self.exposure = exposed(pecs.delays(self.events, disk=self.disk.detected, **size))
 
     def scores(self, events: np.ndarray, disk: Disk | None = None) -> dict:
-        """Of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where it is
-        in `events`, if not where it is in the recording."""
+        """Score of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where
+        it is in `events`, if not where it is in the recording."""
         size = {"width": self.width, "height": self.height, "origin": "zero", "split_half": False}
         shared = pecs.compare(self.events, events, **size)
         found = {k: [shared[k], *(shared[f"{k}_interval"] or ())] for k in ("chamfer", "gaussian")}

@@ -112,7 +112,7 @@ class Stage:
             white[:] = on < off
 
     def light(self, values: dict) -> np.ndarray:
-        """Of each pixel in white; mean 1."""
+        """Light of each pixel in white; mean 1."""
         lamp = {k: values[k] for k in SCENE if k.startswith("lamp")} | LAMP
         cos4 = (1 + ((self.x_mm + DISK_RIGHT_MM) ** 2 + self.up_mm**2) / DISTANCE_MM**2) ** -2
         light = lamp_fit.illuminance(self.x_mm, self.up_mm, lamp, WALLS) * cos4

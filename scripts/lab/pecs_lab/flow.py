@@ -157,8 +157,8 @@ def sharpness(window: Window, sign: float) -> float:
 
 
 def _variance(x: np.ndarray, y: np.ndarray, polarity: np.ndarray, shape: tuple[int, int]) -> float:
-    """Of the image to which each event adds its polarity, shared by the four pixels about it; with a Gaussian of 1 px,
-    so that whole positions have no advantage."""
+    """Contrast of the image to which each event adds its polarity, shared by the four pixels about it; with a Gaussian
+    of 1 px, so that whole positions have no advantage."""
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
     image = np.zeros(shape)
     for dx in (0, 1):

@@ -1,4 +1,4 @@
-"""What a camera with one of our lenses sees of a board or a disk: each pixel's ray meets the target's plane.
+"""Views of a board or a disk through one of our lenses: each pixel's ray meets the target's plane.
 
 For benches and tests of pecs align. Camera axes: x right, y down, z forward, origin at the entrance pupil; lengths in
 mm, light between 0 and 1. Edges are smooth over about a pixel, as behind a real lens and pixel.
@@ -47,7 +47,7 @@ class Camera:
         return rays / rays[..., 2:]
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Of points [..., 3] in camera axes."""
+        """Pixels of points [..., 3] in camera axes."""
         return self.lens.pixels(points, **self.setting)
 
 

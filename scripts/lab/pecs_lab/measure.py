@@ -1,4 +1,5 @@
-"""What studies and benches share: a command line, a program's time and memory, medians of passes, pairs of events."""
+"""Parts that studies and benches share: a command line, a program's time and memory, medians of passes, pairs of
+events."""
 
 import argparse
 import inspect
@@ -69,7 +70,7 @@ def answer(*words: object) -> str:
 
 
 def ask(*words: object) -> Any:
-    """What `pecs WORDS --json` prints."""
+    """The answer of `pecs WORDS --json`."""
     return json.loads(answer(pecs.program(), *words, "--json"))
 
 

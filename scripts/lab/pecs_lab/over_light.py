@@ -68,8 +68,8 @@ def delays_us(chip: str, seed: int = 1, biases: dict[str, int] | None = None) ->
 
 
 def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float) -> dict[str, np.ndarray]:
-    """Of the pixels' first events at each irradiance, not a number where half of the pixels are silent. Frames of
-    sensor(width, height) are in units of fA * per_fa."""
+    """Median delays of the pixels' first events at each irradiance, not a number where half of the pixels are silent.
+    Frames of sensor(width, height) are in units of fA * per_fa."""
     frames, t_us = square_wave(nist_fa() * per_fa)
     found = []
     with sensor(*frames.shape[:0:-1]) as made:

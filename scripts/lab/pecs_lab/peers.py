@@ -37,8 +37,8 @@ def run_esim(
 
 
 def options_of(peer: str, values: dict, seed: int) -> dict:
-    """Of run_peer.py, from the values of PECS's model. A program takes one deviation for both thresholds: the mismatch
-    times their mean."""
+    """Options of run_peer.py, from the values of PECS's model. A program takes one deviation for both thresholds: the
+    mismatch times their mean."""
     if peer == "voltmeter":
         return {"k": [values[f"k{i}"] for i in range(1, 7)], "seed": seed}
     on, off = values["contrast_threshold_on"], values["contrast_threshold_off"]

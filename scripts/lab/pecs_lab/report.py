@@ -19,7 +19,7 @@ def cell(value: float | None) -> str:
 
 
 def with_interval(found: Sequence[float | None]) -> str:
-    """Of a value alone, or of a value and the ends of its interval."""
+    """Text of a value alone, or of a value and the ends of its interval."""
     value, *ends = map(cell, found)
     return value + (f" ({ends[0]}…{ends[1]})" if ends else "")
 

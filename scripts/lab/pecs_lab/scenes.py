@@ -69,7 +69,7 @@ def frames(name: str, count: int, fps: float = 1000.0) -> tuple[np.ndarray, np.n
 
 
 def stack_of(width: int, height: int, times_ns: list[int], **more: object) -> dict:
-    """What stack.json has, without a renderer."""
+    """The content of stack.json, without a renderer."""
     return {
         "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns, "period_ns": None, "lens": None,

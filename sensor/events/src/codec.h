@@ -1,5 +1,5 @@
 #pragma once
-// What formats share: the loop of their readers over events or blocks, and the entry in the registry.
+// Parts that formats share: the loop of their readers over events or blocks, and the entry in the registry.
 #include <algorithm>
 #include <cstring>
 #include <memory>

@@ -140,7 +140,7 @@ class TileWork {
   bool mixed_[2][kTilePixels] = {};
 };
 
-// Which tiles of a picture meet a box.
+// The tiles of a picture that meet a box.
 std::vector<char> tiles_in(const Surfaces& picture, std::size_t count, std::span<const Box> boxes) {
   std::vector<char> out(count);
   for (std::size_t i = 0; i < count; ++i) {

@@ -171,7 +171,7 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
     const V low = hn::Max(hn::Sub(least, beyond), hn::Mul(hn::Set(f, 1 - kBeyond), least));
     V value = hn::Min(hn::Max(sum, low), hn::Add(most, beyond));
     value = hn::IfThenElse(hn::And(hn::Eq(at_x, x), hn::Eq(at_y, y)), a[1], value);
-    // Of all four: Min and Max may pass over a NaN.
+    // All four are compared: Min and Max may pass over a NaN.
     const V all = hn::Add(hn::Add(hn::Abs(a[1]), hn::Abs(a[2])), hn::Add(hn::Abs(b[1]), hn::Abs(b[2])));
     const M finite = hn::Lt(all, hn::Set(f, std::numeric_limits<float>::infinity()));
     hn::StoreU(hn::IfThenElse(finite, value, hn::Set(f, std::numeric_limits<float>::quiet_NaN())), f, out + i);

@@ -1,4 +1,5 @@
-"""What the writers share: the report, cameras of events with their pictures, boxes of objects that have a class."""
+"""Parts that the writers share: the report, cameras of events with their pictures, boxes of objects that have a
+class."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the eve
 
 
 class Report:
-    """What was written and what was left out. `count` sums numbers per sequence; `leave_out` lists each reason once.
-    sequence "": of all."""
+    """Counts of what was written and what was left out. `count` sums numbers per sequence; `leave_out` lists each
+    reason once. sequence "": of all."""
 
     def __init__(self, left_out: Mapping[str, str] | None = None) -> None:
         """left_out: {what: why} of every sequence."""

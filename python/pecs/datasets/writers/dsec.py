@@ -116,7 +116,7 @@ def _write_images(folder: Path, cameras: dict[str, Camera], sequence: Sequence, 
 
 
 def surfaces(camera: Camera, i: int) -> NDArray[np.int64] | None:
-    """What tells surfaces apart at an instant, if the truth has objects."""
+    """The masks that tell surfaces apart at an instant, if the truth has objects."""
     return camera.truth.instances(i) if "objects" in camera.truth.layers else None
 
 

@@ -78,7 +78,7 @@ def _write_tracks(
 
 
 def _far_map(events: Camera, pictures: Camera) -> NDArray[np.float32]:
-    """Where what each pixel of the event camera sees far away lies in the other camera's picture [H, W, 2]."""
+    """Place in the other camera's picture [H, W, 2] of what each pixel of the event camera sees far away."""
     lens = Lens(pictures)
     R = (np.linalg.inv(pictures.rig_from_camera) @ events.rig_from_camera)[:3, :3]
     rect = Lens(events).rays() @ (pictures.K_rect @ pictures.R_rect @ R).T

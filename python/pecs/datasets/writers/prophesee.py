@@ -102,7 +102,7 @@ def _labels(camera: Camera, numbers: dict[str, int]) -> NDArray[Any]:
 
 
 def survive_rvt(labels: NDArray[Any], generation: str, camera: Camera, training: bool) -> NDArray[np.bool_]:
-    """Which boxes are left by RVT's filters: classes, cut to the picture, least size, and for training greatest
+    """The boxes that RVT's filters leave: classes, cut to the picture, least size, and for training greatest
     width. `classes` of gen4: the first three."""
     diagonal, side, wide, classes = _RVT[generation]
     x0, x1 = (np.clip(v, 0, camera.width - 1) for v in (labels["x"], labels["x"] + labels["w"]))

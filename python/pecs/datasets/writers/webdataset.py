@@ -86,7 +86,7 @@ def _samples_of(sequence: Sequence, camera: Camera) -> Iterator[Sample]:
 
 
 def _truth(camera: Camera, i: int) -> Sample:
-    """Of the interval from instant i to the next."""
+    """Truth of the interval from instant i to the next."""
     truth, out = camera.truth, {}
     if "motion" in truth.layers:
         out["flow.npy"] = npy_bytes(truth.flow(i))

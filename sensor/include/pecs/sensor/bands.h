@@ -1,5 +1,5 @@
 #pragma once
-// Which wavelengths to render, and their quadrature weights, so that few bands give the photocurrent (Eq. 5):
+// Wavelengths to render, and their quadrature weights, so that few bands give the photocurrent (Eq. 5):
 //   integral of lambda QE(lambda) L(lambda) d lambda  ~  sum over bands of weight_nm * lambda * QE(lambda) * L(lambda).
 #include <vector>
 

@@ -34,7 +34,7 @@ class Carrier {
   // forward and backward flow; with flow, points that move more count as nearer. Values that are not finite are unknown
   // (a depth may be infinite). Throws bad_input for another size. In the caller's TBB arena.
   Carrier(std::span<const float> motion, int width, int height);
-  // Of the interval that begins at a frame of a source with motion.
+  // Motion of the interval that begins at a frame of a source with motion.
   Carrier(const FrameSource& source, std::int64_t frame);
   ~Carrier();
   Carrier(Carrier&&) noexcept;

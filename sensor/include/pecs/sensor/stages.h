@@ -36,7 +36,7 @@ struct AfkCounts {
   int stop = 4;   // it does so until fewer are left; each longest period without one takes one off
 };
 
-// Of a burst: events of one pixel and polarity, each less than the threshold after the one before.
+// A burst is events of one pixel and polarity, each less than the threshold after the one before.
 enum class TrailFilter { first, second, all_but_first };  // Trail, STC, STC that keeps the trail
 
 struct StageOptions {

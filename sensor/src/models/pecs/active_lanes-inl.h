@@ -37,7 +37,7 @@ struct BlockRows {
   float* n[2] = {memory[19], memory[20]};  // noise of the photoreceptor
   float* z[2] = {memory[21], memory[22]};  // noise that the amplifier passes
   HWY_ALIGN float reference[kPixels], blind_us[kPixels], on[kPixels], off[kPixels];
-  // Of an interval: integral of the noise's rate, and its standard deviation; gate: ActivePixels::examine.
+  // Values of an interval: integral of the noise's rate, and its standard deviation; gate: ActivePixels::examine.
   HWY_ALIGN float relaxation[kPixels], noise_std[kPixels], gate[kPixels];
 };
 

@@ -63,7 +63,7 @@ PECS_INLINE Cubic<T> select(MaskOf<T> which, const Cubic<T>& yes, const Cubic<T>
           select(which, yes.c3, no.c3)};
 }
 
-// Where c1 s + c2 s^2 + c3 s^3, rising from a to b, is `level`: Halley's method, kept in the bracket. Convergence is of
+// Solves c1 s + c2 s^2 + c3 s^3 = level, rising from a to b: Halley's method, kept in the bracket. Convergence is of
 // third order, so a step below 3e-3 is the last. Just before an extremum, where it is slower, the error of V can reach
 // 2e-3.
 template <class T>

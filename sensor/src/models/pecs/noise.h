@@ -124,7 +124,7 @@ PECS_INLINE NoiseBetween<T> noise_between(const NoiseStep<T>& first, const Noise
       {mul_add(k11, dn, mul_add(k12, dz, to.n)), mul_add(k21, dn, mul_add(k22, dz, to.z))},
       {q.nn - mul_add(k11, a11, k12 * a12), q.nz - mul_add(k11, a21, k12 * a22), q.zz - mul_add(k21, a21, k22 * a22)}};
 }
-// That state, by two normal deviates.
+// Draws that state by two normal deviates.
 template <class T>
 PECS_INLINE NoiseState<T> draw_between(const NoiseStep<T>& first, const NoiseStep<T>& second,
                                        const NoiseState<T>& start, const NoiseState<T>& end, MaskOf<T> free, T std_of_n,
@@ -135,7 +135,7 @@ PECS_INLINE NoiseState<T> draw_between(const NoiseStep<T>& first, const NoiseSte
   return {mul_add(scale * l.nn, g0, law.mean.n), mul_add(scale, mul_add(l.nz, g0, l.zz * g1), law.mean.z)};
 }
 
-// What a path of a given time between two known states can reach.
+// Bounds of a path of a given time between two known states.
 template <class T>
 struct NoiseReach {
   T std;        // upper bound of the standard deviation of z

@@ -57,7 +57,7 @@ HWY_INLINE Four random_of(VU pixels, std::int64_t step, Purpose purpose, std::ui
 struct LaneSequence {
   HWY_ALIGN std::uint32_t a[kLanes], b[kLanes], c[kLanes], count[kLanes];
 
-  // Where `in`.
+  // Starts the lanes of `in`.
   HWY_INLINE void start(M in, const Four& random) {
     const auto put = [&](std::uint32_t* row, VU v) { advance(in, row, v); };
     put(a, random[0]), put(b, random[1]), put(c, random[2]), put(count, hn::Set(U32(), 1));

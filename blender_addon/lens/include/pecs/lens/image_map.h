@@ -1,5 +1,5 @@
 #pragma once
-// Which direction of the scene lands on which pixel: the chief ray of every film point, through the prescription.
+// Map between directions of the scene and pixels: the chief ray of every film point, through the prescription.
 //
 // Camera axes: x right, y down, z forward, the origin at the centre of the entrance pupil (Blender's camera has y up
 // and looks along -z). Pixels: x right, y down, (0, 0) the picture's top left corner, so pixel (0, 0) has its centre at

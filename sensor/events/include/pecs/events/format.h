@@ -28,7 +28,7 @@ struct StreamInfo {
   std::string camera;  // e.g. "IMX636"; empty when unknown
 };
 
-// What the user states of a file that does not.
+// Properties that the user states of a file that does not.
 struct ReadOptions {
   std::optional<TimeUnit> time_unit;                       // of Codec::takes_time_unit; else an error
   int width = 0, height = 0;                               // 0: not stated
