@@ -8,6 +8,7 @@
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
+#include "pecs/files.h"
 #include "pecs/input/pictures.h"
 #include "pecs/input/screen.h"
 #include "pecs/sensor/sense_options.h"
@@ -136,7 +137,9 @@ void resolve(SenseArguments& o, const Console& console) {
   }
   if (!o.preset.empty()) sensor::apply_preset(o, o.own_model->count() > 0, o.own_readout->count() > 0);
   for (const std::string& text : o.bias_texts)
-    for (const auto& [name, offset] : sensor::biases_from(text)) o.biases[name] = offset;
+    for (const auto& bias : sensor::biases_from(text))
+      if (!o.biases.insert(bias).second)
+        throw Error(ExitCode::usage, fmt::format("--bias {}: {} is set twice; set it once", text, bias.first));
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   if (o.shown->count() && !o.view) throw Error(ExitCode::usage, "--window: valid only with --view");
 }
@@ -146,6 +149,7 @@ sensor::SenseReport run(SenseArguments& o) {
   o.source = input::open_frames(o.stack, pictures);
   if (!o.view) return sensor::sense(o);
   o.screen.video = o.output.string() + ".mp4";
+  check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
   return input::sense_on_screen(o.screen, o);
 }
 
