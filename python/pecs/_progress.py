@@ -24,7 +24,7 @@ def report(text: str, **values: Any) -> None:
 
 def status_of(line: str) -> dict[str, Any]:
     """The values of a JSON line; empty for a message."""
-    with suppress(ValueError):
+    with suppress(ValueError, RecursionError):
         values = json.loads(line) if line.startswith("{") else {}
         return values if isinstance(values, dict) else {}
     return {}
