@@ -145,12 +145,12 @@ void resolve(SenseArguments& o, const Console& console) {
 }
 
 sensor::SenseReport run(SenseArguments& o) {
-  const input::PictureOptions pictures{o.times, o.colour_space, o.ocio_config};
-  o.source = input::open_frames(o.stack, pictures);
-  if (!o.view) return sensor::sense(o);
-  o.screen.video = o.output.string() + ".mp4";
-  check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
-  return input::sense_on_screen(o.screen, o);
+  if (o.view) {
+    o.screen.video = o.output.string() + ".mp4";  // a further output
+    check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
+  }
+  o.source = input::open_frames(o.stack, {o.times, o.colour_space, o.ocio_config});
+  return o.view ? input::sense_on_screen(o.screen, o) : sensor::sense(o);
 }
 
 void print(const SenseArguments& o, const sensor::SenseReport& report, const Console& console) {

@@ -106,6 +106,14 @@ def test_an_output_that_is_an_input_is_refused(pecs_program, recording, stack, t
     assert pecs_program("sense", stack, "-o", stack / "o.raw", "--gain", 1e-15).returncode == 0  # over its own last
 
 
+def test_the_video_of_a_view_is_an_output(pecs_program, tmp_path):
+    (tmp_path / "v.mp4").write_bytes(b"mine")
+    for output, more, got in (("v", [], "the input itself"), ("w", ["--labels", tmp_path / "w.mp4"], "two outputs")):
+        words = ["-o", tmp_path / output, "--format", "evt3", "--view", *more]
+        refused(pecs_program("sense", tmp_path / "v.mp4", *words), 2, got)
+    assert (tmp_path / "v.mp4").read_bytes() == b"mine"
+
+
 @pytest.mark.parametrize("name", ["o.npz", "o.h5", "o.hdf5"])
 def test_the_same_events_are_the_same_bytes(pecs_program, recording, tmp_path, name):
     for folder, fake in (("a", "2021-03-04 05:06:07"), ("b", "1999-12-31 23:59:58")):
