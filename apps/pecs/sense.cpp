@@ -8,6 +8,7 @@
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
+#include "pecs/files.h"
 #include "pecs/input/pictures.h"
 #include "pecs/input/screen.h"
 #include "pecs/sensor/sense_options.h"
@@ -136,17 +137,20 @@ void resolve(SenseArguments& o, const Console& console) {
   }
   if (!o.preset.empty()) sensor::apply_preset(o, o.own_model->count() > 0, o.own_readout->count() > 0);
   for (const std::string& text : o.bias_texts)
-    for (const auto& [name, offset] : sensor::biases_from(text)) o.biases[name] = offset;
+    for (const auto& bias : sensor::biases_from(text))
+      if (!o.biases.insert(bias).second)
+        throw Error(ExitCode::usage, fmt::format("--bias {}: {} is set twice; set it once", text, bias.first));
   o.monte_carlo_bands = sensor::monte_carlo_bands(o.bands).value_or(0);
   if (o.shown->count() && !o.view) throw Error(ExitCode::usage, "--window: valid only with --view");
 }
 
 sensor::SenseReport run(SenseArguments& o) {
-  const input::PictureOptions pictures{o.times, o.colour_space, o.ocio_config};
-  o.source = input::open_frames(o.stack, pictures);
-  if (!o.view) return sensor::sense(o);
-  o.screen.video = o.output.string() + ".mp4";
-  return input::sense_on_screen(o.screen, o);
+  if (o.view) {
+    o.screen.video = o.output.string() + ".mp4";  // a further output
+    check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
+  }
+  o.source = input::open_frames(o.stack, {o.times, o.colour_space, o.ocio_config});
+  return o.view ? input::sense_on_screen(o.screen, o) : sensor::sense(o);
 }
 
 void print(const SenseArguments& o, const sensor::SenseReport& report, const Console& console) {

@@ -67,8 +67,12 @@ FilePtr open_to_read(const fs::path& path) {
 
 }  // namespace
 
-PartialFile::PartialFile(const fs::path& path)
-    : path_(file_behind(path)), partial_(pecs::partial_path(path_)), file_(platform::claim(partial_, path)) {}
+PartialFile::PartialFile(const fs::path& path, bool keeps_extension)
+    : path_(file_behind(path)),
+      partial_(keeps_extension ? path_.parent_path() /
+                                     fmt::format(".{}.partial{}", path_.stem().string(), path.extension().string())
+                               : pecs::partial_path(path_)),
+      file_(platform::claim(partial_, path)) {}
 
 void PartialFile::commit() {
   if (const std::string why = platform::rename_complete(file_, partial_, path_); !why.empty())
@@ -118,6 +122,8 @@ fs::path partial_path(const fs::path& path) {
   return partial;
 }
 
+fs::path run_record_path(const fs::path& output) { return output.string() + ".run.json"; }
+
 bool is_stream(const fs::path& path) {
   std::error_code ec;
   const fs::file_status found = fs::status(path, ec);
@@ -125,6 +131,10 @@ bool is_stream(const fs::path& path) {
 }
 
 void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::path>& outputs) {
+  const auto replaces = [](const fs::path& output, const fs::path& file) {
+    return is_same_file(output, file) || is_same_file(pecs::partial_path(output), file) ||
+           is_same_file(run_record_path(output), file);
+  };
   for (std::size_t i = 0; i < outputs.size(); ++i) {
     const fs::path& output = outputs[i];
     if (output.empty() || is_stream(output)) continue;
@@ -133,14 +143,15 @@ void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::pa
     };
     for (const fs::path& input : inputs) {
       if (input.empty()) continue;
-      if (is_same_file(output, input) || is_same_file(pecs::partial_path(output), input))
-        throw refuse("the input itself", "another file");
+      if (replaces(output, input)) throw refuse("the input itself", "another file");
       if (fs::exists(output) && is_same_file(output.parent_path() / ".", input / ".") &&
           std::ranges::find(kFrameEndings, lower(output.extension().string())) != std::end(kFrameEndings))
         throw refuse("a file of the input folder", "another file");
     }
     for (std::size_t k = 0; k < i; ++k)
-      if (!outputs[k].empty() && is_same_file(output, outputs[k])) throw refuse("two outputs", "one file each");
+      if (!outputs[k].empty() && !is_stream(outputs[k]) &&
+          (replaces(output, outputs[k]) || replaces(outputs[k], output)))
+        throw refuse("two outputs", "one file each");
   }
 }
 

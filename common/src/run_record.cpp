@@ -16,7 +16,7 @@ void write_run_record(const std::filesystem::path& output, const RunRecord& reco
   const Json json = {{"pecs_version", kVersion}, {"command", record.command}, {"arguments", record.arguments},
                      {"config", record.config},  {"inputs", inputs},          {"output", output.string()},
                      {"results", record.results}};
-  write_file(output.string() + ".run.json", text_of(json, 2) + "\n");
+  write_file(run_record_path(output), text_of(json, 2) + "\n");
 }
 
 }  // namespace pecs

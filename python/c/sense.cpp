@@ -2,6 +2,7 @@
 #include "pecs/sensor/sense.h"
 
 #include "guard.h"
+#include "pecs/files.h"
 #include "pecs/run_record.h"
 #include "pecs/sensor/sense_options.h"
 
@@ -31,6 +32,9 @@ extern "C" char* pecs_sense(const char* input, const char* output, const char* o
     SenseOptions options = sense_options(pecs::JsonObject(json, "options"));
     options.stack = &given(input, "input");
     options.output = &given(output, "output");
+    pecs::check_outputs({options.stack, options.times.file_us.value_or(""), options.bias_file.value_or(""),
+                         options.stages.mask.value_or("")},
+                        {options.output, options.labels.value_or(""), options.dropped.value_or("")});
     options.quiet = true;
     if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
     const SenseReport report = sense(options);

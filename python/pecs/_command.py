@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import NoReturn
 
 from ._arguments import Parser, account
 from ._errors import ExitCode, PecsError, one_line
+
+GRACE_S = 10.0  # for what a command does when it is stopped
 
 
 def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
@@ -19,7 +24,8 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
     begin = time.monotonic()
     try:
         args = parser.parse_args(argv)
-        run(args)
+        with _ended_by_signals():
+            run(args)
         if args.verbose:
             name = getattr(args, "command", parser.prog.removeprefix("pecs "))
             sys.stderr.write(account(name, vars(args), time.monotonic() - begin))
@@ -37,6 +43,30 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
         print(f"pecs: {one_line(str(e.filename or 'standard output'))}: {e.strerror}", file=sys.stderr)
         return ExitCode.BAD_OUTPUT
     return 0
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Python handles a signal when it runs again. If a library, such as a network with an endless loop, does not return
+    within GRACE_S, a thread ends the process."""
+    signals, waker = os.pipe()
+    os.set_blocking(waker, False)
+    over = threading.Event()
+
+    def watch() -> None:
+        with os.fdopen(signals, "rb", buffering=0) as stream:
+            while number := stream.read(1):
+                if number[0] in (signal.SIGINT, signal.SIGTERM) and not over.wait(GRACE_S):
+                    os._exit(128 + number[0])
+
+    before = signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+        signal.set_wakeup_fd(before)
+        os.close(waker)
 
 
 def _terminated(number: int, frame: object) -> NoReturn:

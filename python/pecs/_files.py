@@ -167,12 +167,14 @@ def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
 
 
 class PartialFile:
-    """The locked and empty `.partial` of an output; a `with` block closes it, and removes what was not committed."""
+    """The locked and empty `.partial` of an output; a `with` block closes it, and removes what was not committed.
+    keeps_extension: for a library that chooses the format by it: `.STEM.partial.EXT`, with that of `path`."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, keeps_extension: bool = False):
         with _writing(path):
             self.path = _file_behind(path)
-            self.partial = partial_path(self.path)
+            own = self.path.with_name(f".{self.path.stem}.partial{path.suffix}")
+            self.partial = own if keeps_extension else partial_path(self.path)
             self.descriptor = _locked(self.partial, path)
             os.ftruncate(self.descriptor, 0)
 
@@ -182,19 +184,11 @@ class PartialFile:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, t: TracebackType | None) -> None:
         self.close()
 
-    def commit(self, written: Path | None = None) -> None:
-        """Gives the output its name: the .partial, or a file that another library wrote."""
+    def commit(self) -> None:
+        """Gives the output its name."""
         with _writing(self.path):
-            if written is None:
-                os.fsync(self.descriptor)
-                self.partial.rename(self.path)
-                return
-            fd = os.open(written, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-            try:
-                os.fsync(fd)
-                written.rename(self.path)
-            finally:
-                os.close(fd)
+            os.fsync(self.descriptor)
+            self.partial.rename(self.path)
 
     def close(self) -> None:
         """Releases it; may be called again."""

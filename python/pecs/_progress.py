@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 JSON_INTERVAL_S = 0.1  # between JSON lines of one task
@@ -19,6 +20,14 @@ def for_a_program() -> bool:
 def report(text: str, **values: Any) -> None:
     """Prints the text or, for a calling program, the values as a JSON line."""
     print(json.dumps(values) if for_a_program() else text, file=sys.stderr, flush=True)
+
+
+def status_of(line: str) -> dict[str, Any]:
+    """The values of a JSON line; empty for a message."""
+    with suppress(ValueError, RecursionError):
+        values = json.loads(line) if line.startswith("{") else {}
+        return values if isinstance(values, dict) else {}
+    return {}
 
 
 class Line:

@@ -139,7 +139,7 @@ def event_labels(
     events: NDArray[Any], stack: str | PathLike[str] | StackReader, layer: str = "objects", begin_us: float = 0.0
 ) -> NDArray[np.uint16]:
     """The object that each event's pixel saw at the event's own time, to half a pixel of motion: one id per event; 0
-    outside the stack's time and where the layer has 0.
+    outside the stack's time, which a period repeats, and where the layer has 0.
 
         ids = pecs.event_labels(pecs.read("events.h5"), "truth")
 

@@ -13,6 +13,7 @@
 
 #include "pecs/error.h"
 #include "pecs/sensor/photocurrent.h"
+#include "pecs/sensor/sense.h"
 
 namespace pecs::sensor {
 namespace {
@@ -189,6 +190,32 @@ TEST_F(Stack, RadianceKnowsItsFNumber) {
   EXPECT_NEAR(amperes({8.0, {}, {}}) / amperes({}), 0.25, 1e-12);
   json["quantity"] = "irradiance";
   EXPECT_THROW(parse_stack_info(json, "s"), Error);
+}
+
+// So that keys of `pecs sense --view` are read where nothing moves.
+TEST_F(Stack, AStillSceneIsWatched) {
+  Json json = {{"pecs_stack", 1}, {"quantity", "irradiance"}, {"width", 5}, {"height", 3}, {"pixel_pitch_m", 1e-5}};
+  json["bands"] = {{{"lambda_nm", 550}, {"weight_nm", 1}}};
+  for (int i = 0; i < 300; ++i) json["times_ns"].push_back(1'000'000 * i);
+  json["period_ns"] = nullptr;
+  for (const char* key : {"scene", "render", "versions"}) json[key] = Json::object();
+  const StackWriter writer(dir_, json);
+  for (int i = 0; i < 300; ++i) writer.write_frame(i, std::vector<float>(15, 1e-3f));
+  SenseOptions options;
+  options.stack = dir_;
+  options.output = dir_ / "events.raw";
+  options.no_noise = options.quiet = true;
+  int calls = 0, last = 1 << 30;
+  options.watch = [&](std::span<const events::Event> events) {
+    EXPECT_TRUE(events.empty());
+    return ++calls < last;
+  };
+  sense(options);
+  EXPECT_GT(calls, 2);
+  calls = 0;
+  last = 2;
+  EXPECT_EQ(sense(options).results["events"], 0);
+  EXPECT_EQ(calls, 2);
 }
 
 TEST_F(Stack, NeedsTimes) {

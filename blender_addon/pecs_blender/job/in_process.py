@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..scene.blend import FOLDER_KEY, save_copy
+from ..scene.blend import save_copy
 from ..scene.cycles import empty_scene
 from .options import Options
 from .render import render
@@ -22,7 +22,7 @@ def render_here(scene: bpy.types.Scene | Path, output: Path, options: Options, e
     with tempfile.TemporaryDirectory(prefix="pecs_") as folder:
         if isinstance(scene, bpy.types.Scene):
             how["scene_name"] = scene.name
-            scene = save_copy(scene, Path(folder))
+            scene = save_copy(Path(folder))
         try:
             while True:
                 try:
@@ -34,7 +34,5 @@ def render_here(scene: bpy.types.Scene | Path, output: Path, options: Options, e
             if scene.suffix == ".blend" and scene.is_file():
                 scripts = how.get("allow_scripts", False)
                 bpy.ops.wm.open_mainfile(filepath=str(scene), load_ui=False, use_scripts=scripts)
-                for one in bpy.data.scenes:
-                    one.pop(FOLDER_KEY, None)
             else:
                 empty_scene()

@@ -19,6 +19,7 @@ SAMPLES = {"uniform": 8, "adaptive": 32}  # per pixel and band, by default
 TIMES = tuple(SAMPLES)
 PLACEMENTS = ("means", "gauss", "uniform")
 MOST_BANDS = 256
+MOST_PX = 8192  # of a stack, each way
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 
 
@@ -175,10 +176,10 @@ class Options:
         recorded=False,
     )
     width: int | None = option(
-        None, "width in pixels; by default the scene's, with `pecs run` the chip's", low=1, high=8192, recorded=False
+        None, "width in pixels; by default the scene's, with `pecs run` the chip's", low=1, high=MOST_PX, recorded=False
     )
     height: int | None = option(
-        None, "height in pixels; with a width alone, from the scene's aspect ratio", low=1, high=8192, recorded=False
+        None, "height in pixels; with a width alone, from the scene's aspect ratio", low=1, high=MOST_PX, recorded=False
     )
     film_width_mm: float | None = option(
         None, "width of a lens camera's film; by default the chip's", low=0.01, high=1000, unit="mm"

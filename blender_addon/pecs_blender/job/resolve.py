@@ -18,7 +18,7 @@ from ..scene.source import Source
 from ..scene.timeline import Instants, timeline
 from ..spectral.bands import TOLERANCE, Bands
 from ..spectral.spectra import spectrum
-from .options import Options
+from .options import MOST_PX, Options
 
 TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
 
@@ -61,11 +61,14 @@ def resolve(options: Options, source: Source) -> Plan:
 
 def _view(options: Options, source: Source, chip: pecs.Chip) -> View:
     subpixels = options.subpixels or (2 if options.is_adaptive else 1)
-    pixels = _pixels(source.size, options.width, options.height)
+    width, height = pixels = _pixels(source.size, options.width, options.height)
+    if max(pixels) * subpixels > MOST_PX:
+        each = f" of {subpixels} x {subpixels} subpixels" if subpixels > 1 else ""
+        raise UsageError(f"--width: got {width} x {height} pixels{each}, wanted at most {MOST_PX} each way")
     return View(
         pixels=pixels,
         subpixels=subpixels,
-        film_width_mm=options.film_width_mm or film_width_mm_of(chip, pixels[0]),
+        film_width_mm=options.film_width_mm or film_width_mm_of(chip, width),
         film_shift_mm=tuple(options.film_shift_mm),
         film_tilt_deg=tuple(options.film_tilt_deg),
         lens=options.lens,

@@ -116,8 +116,9 @@ class Render:
             yield Render(self.stage, plan, sampling, self.keyframes.middle(count)), Path(folder) / "stack"
 
     def needed_bytes(self, counts: Callable[[str], bool] = lambda file: True) -> int:
-        """Upper bound of this process's frames whose file names count."""
-        channels = {"frame": len(self.stage.bands)} if self.plan.light else {}
+        """Upper bound of this process's frames whose file names count, without the parts that are rendered between
+        keyframes."""
+        channels = {"frame": len(self.stage.bands) + self.sampling.denoise} if self.plan.light else {}
         channels |= {name: len(layer_class(name).channels) for name in self.plan.layers}
         values = sum(n for name, n in channels.items() for i in self.wanted if counts(f"{name}_{i:06d}.exr"))
         return values * self.stage.size[0] * self.stage.size[1] * BYTES_PER_VALUE

@@ -15,7 +15,7 @@ from .outside_files import missing_files
 from .source import Source
 
 MOST_NAMES = 5  # in a note
-FOLDER_KEY = "pecs_folder"  # custom property of the scene in a temporary copy: folder of the original
+ORIGINAL = "pecs_original"  # link beside a temporary copy, to the original's folder
 
 
 class BlendScene(Source):
@@ -33,8 +33,8 @@ class BlendScene(Source):
         self.scene = bpy.data.scenes[scene_name] if scene_name else bpy.context.scene
         if bpy.context.window:
             bpy.context.window.scene = self.scene
-        self.folder = Path(self.scene.get(FOLDER_KEY, path.absolute().parent))
-        self.scene.pop(FOLDER_KEY, None)  # not part of the scene
+        link = path.absolute().with_name(ORIGINAL)
+        self.folder = link.resolve() if link.is_symlink() else link.parent
         check(path, self.scene, allow_scripts)
         if not self.scene.camera:
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
@@ -105,20 +105,17 @@ class BlendScene(Source):
         return self._illuminant.luminous() / self._illuminant.power()
 
 
-def save_copy(scene: bpy.types.Scene, folder: Path) -> Path:
-    """Saves the open file, as it is in memory, into a folder. BlendScene takes files with relative paths from the
-    original's folder."""
+def save_copy(folder: Path) -> Path:
+    """Saves the open file, as it is in memory, into an empty folder. BlendScene takes files with relative paths from
+    the original's folder, to which a link leads: a property of the scene could be set by any .blend."""
     here = Path(bpy.data.filepath or "untitled.blend")
     copy = folder / here.name
     if bpy.data.filepath:
         caches = f"blendcache_{here.stem}"  # physics baked to the disk
         if here.with_name(caches).is_dir():
             copy.with_name(caches).symlink_to(here.with_name(caches))
-        scene[FOLDER_KEY] = str(here.parent)
-    try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
-    finally:
-        scene.pop(FOLDER_KEY, None)
+        copy.with_name(ORIGINAL).symlink_to(here.parent)
+    bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
     return copy
 
 

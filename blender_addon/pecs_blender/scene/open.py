@@ -34,6 +34,6 @@ def open_scene(
     else:
         source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
     if place:
-        source.placed = Placed(place, source.scene, source.unit_m)
-        check(place, source.scene, allow_scripts)
+        scene = source.scene
+        source.placed = Placed(place, scene, source.unit_m, lambda file: check(file, scene, allow_scripts))
     return source

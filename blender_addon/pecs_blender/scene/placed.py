@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +14,24 @@ from pecs._config import Fields, read_json
 from pecs._errors import PecsNotFoundError, bad_input
 from pecs._files import sha256
 
+from . import cycles
+
 FILES = ("file", "texture")
 TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
 
 
 class Placed:
     """The objects of a placement file in the scene; pose() moves them to an instant. record: for stack.json, with the
-    files' names only."""
+    files' names only. check: of each file."""
 
-    def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float):
+    def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float, check: Callable[[Path], None]):
         content = read_json(file)
         self._unit_m, self._things = unit_m, []
         top = Fields(content, file)
         if top.number("format") != 1:
             raise top.wrong("format", "1")
         for entry in top.tables("objects"):
-            self._things.append(_Thing(entry, scene))
+            self._things.append(_Thing(entry, scene, check))
         top.done()
         self.record = [_recorded(thing) for thing in content["objects"]]
         self.pose(0.0)
@@ -47,7 +50,7 @@ def _recorded(thing: dict[str, Any]) -> dict[str, Any]:
 class _Thing:
     """The objects of one .blend under an empty at the centre of their box, scaled to a largest extent of 1."""
 
-    def __init__(self, entry: Fields, scene: bpy.types.Scene):
+    def __init__(self, entry: Fields, scene: bpy.types.Scene, check: Callable[[Path], None]):
         name, file = entry.text("name"), Path(entry.text("file"))
         if name in bpy.data.objects or name in bpy.data.collections:
             raise entry.wrong("name", "a name that no other object has")
@@ -63,6 +66,7 @@ class _Thing:
         objects = _loaded(file, collection)
         if texture:
             _dress(objects, texture, file)
+        check(file)  # before anything is evaluated
         bpy.context.view_layer.update()
         self._empty = bpy.data.objects.new(name, None)
         collection.objects.link(self._empty)
@@ -87,7 +91,7 @@ def _loaded(file: Path, collection: bpy.types.Collection) -> list[bpy.types.Obje
     if not file.is_file():
         raise PecsNotFoundError(f"{file}: no such file")
     try:
-        with bpy.data.libraries.load(str(file)) as (there, here):
+        with cycles.quiet(2), bpy.data.libraries.load(str(file)) as (there, here):
             here.objects = list(there.objects)
     except OSError as e:
         raise bad_input(file, "", str(e).strip().splitlines()[-1], "a .blend file") from None

@@ -8,7 +8,6 @@ BackgroundJob, and a line in panel.py; describe it in docs/start/panel.md. Progr
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -24,6 +23,7 @@ from typing import Any
 import bpy
 from pecs._child import mortal
 from pecs._errors import ExitCode
+from pecs._progress import status_of
 
 from . import disk
 from .interface import areas, redraw, wrapped
@@ -39,14 +39,6 @@ def clock(seconds: float) -> str:
     minutes, s = divmod(max(0, round(seconds)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{s:02}" if hours else f"{minutes}:{s:02}"
-
-
-def _json_object(line: str) -> dict:
-    """Empty if the line is not a JSON object."""
-    try:
-        return json.loads(line) if line.startswith("{") else {}
-    except ValueError:
-        return {}
 
 
 @dataclass
@@ -81,7 +73,7 @@ class BackgroundJob:
 
     def _read(self, stream) -> None:
         for line in stream:
-            if status := _json_object(line):
+            if status := status_of(line):
                 self._take_status(status)
                 continue
             if re.match(r"\w+: \d+/\d+", line):  # progress
@@ -202,8 +194,12 @@ def poll() -> float | None:
     except Exception as e:  # the result cannot be shown; the panel must accept the next job
         state.message, state.is_error = f"{job.label}: {e}", True
     if state.queue and code == 0:
-        state.job = state.queue.pop(0).make()
-        return POLL_S
+        try:
+            state.job = state.queue[0].make()
+            del state.queue[0]
+            return POLL_S
+        except Exception as e:  # as above
+            state.message, state.is_error = f"{job.label}: the next job cannot start: {e}", True
     _drop_queue()
     if state.is_error:
         pop_up(state.message)

@@ -65,15 +65,15 @@ class Renders(InBackground):
         super().act(context)
 
 
-def copy_of_file(scene) -> Path:
+def copy_of_file() -> Path:
     """Saves the open file into a temporary folder that background.py removes after the job. Blender empties its own
     temporary folder with the preferences."""
-    return save_copy(scene, Path(tempfile.mkdtemp(prefix=background.COPIES)))
+    return save_copy(Path(tempfile.mkdtemp(prefix=background.COPIES)))
 
 
 def blender(scene, verb: str, output: Path | None, *words: str) -> list[str]:
     """Command line of a render command of cli.py."""
-    command = program(verb, str(copy_of_file(scene)), allow_scripts=scene.pecs.allow_scripts)
+    command = program(verb, str(copy_of_file()), allow_scripts=scene.pecs.allow_scripts)
     return [*command, *(["-o", str(output)] if output else []), *settings.render_arguments(scene), *words]
 
 

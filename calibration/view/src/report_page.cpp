@@ -33,7 +33,7 @@ struct EventFile {
   std::filesystem::path path;
   events::Recording recording;
   Json run;  // <path>.run.json, or null
-  std::string run_file() const { return path.string() + ".run.json"; }
+  std::string run_file() const { return run_record_path(path).string(); }
 };
 
 EventFile read_events(const std::filesystem::path& path) {

@@ -20,7 +20,8 @@ namespace pecs {
 // A claim on "<path>.partial", for libraries that open files themselves (HDF5, libzip, OpenCV). Throws bad_output.
 class PartialFile {
  public:
-  explicit PartialFile(const std::filesystem::path& path);
+  // keeps_extension: for a library that chooses the format by it: ".<stem>.partial<extension>".
+  explicit PartialFile(const std::filesystem::path& path, bool keeps_extension = false);
 
   const platform::Descriptor& file() const { return file_; }  // the .partial, which is empty at first
   const std::filesystem::path& partial_path() const { return partial_; }
@@ -57,9 +58,10 @@ void write_file(const std::filesystem::path& path, std::span<const std::byte> by
 void write_file(const std::filesystem::path& path, std::string_view text);
 
 std::filesystem::path partial_path(const std::filesystem::path& path);
+std::filesystem::path run_record_path(const std::filesystem::path& output);  // run_record.h
 bool is_stream(const std::filesystem::path& path);  // whether it is a pipe or a character device
-// Throws usage when an output is an input, would replace a frame of an input folder, or is another output. Empty paths
-// are ignored.
+// Throws usage when writing an output (with its .partial and its run record) would replace an input, a frame of an
+// input folder, or another output. Empty paths are ignored.
 void check_outputs(const std::vector<std::filesystem::path>& inputs, const std::vector<std::filesystem::path>& outputs);
 
 std::string read_text(const std::filesystem::path& path, std::size_t max_bytes);  // throws not_found, bad_input

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from .._child import mortal
 from .._errors import PecsError
+from .._progress import status_of
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 # Blender 4.5 crashed in one of thousands of renders, in the update of its dependency graph.
@@ -39,29 +38,28 @@ for words in json.load(sys.stdin):
         print(e)
         sys.exit({FAULT})
 """
-STEP = re.compile(r"^render: (\d+/\d+, \d+ s left)$", re.MULTILINE)
 
 
 def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = lambda progress: None) -> None:
-    """Runs in the folder, so that records contain no absolute path. The output goes to the log; an error is raised with
-    the renderer's line and exit code. The renderer ends with this process, which frees the folder's lock. A renderer
-    that crashes is started once more, and continues. If this Python has no bpy, PECS_BLENDER_PYTHON names one that has
-    bpy and pecs_blender. tell: gets the renderer's progress, such as "3/17, 200 s left"."""
+    """Runs in the folder, so that records contain no absolute path. The output goes to the log, without the progress;
+    an error is raised with the renderer's line and exit code. The renderer ends with this process, which frees the
+    folder's lock. A renderer that crashes is started once more, and continues. If this Python has no bpy,
+    PECS_BLENDER_PYTHON names one that has bpy and pecs_blender. tell: gets the renderer's progress, such as "3/17,
+    200 s left"."""
     python, environment = _python()
     path = folder / log
     path.parent.mkdir(parents=True, exist_ok=True)
     command = mortal([python, "-m", "pecs_blender", *map(str, words)])
     for _ in range(2):
-        begin = path.stat().st_size if path.exists() else 0
-        with path.open("ab") as out:
-            streams = {"stdout": out, "stderr": out, "stdin": subprocess.DEVNULL}
-            with subprocess.Popen(command, env=environment, cwd=folder, **streams) as process:
-                code = _watched(process, path, begin, tell)
+        with path.open("a", encoding="utf-8") as out:
+            streams = {"stdout": out, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+            text = {"encoding": "utf-8", "errors": "replace"}
+            with subprocess.Popen(command, env=environment, cwd=folder, **text, **streams) as process:
+                code, last = _watched(process, out, tell)
         if -code not in CRASHES:
             break
     if code:
-        lines = _from(path, begin).decode(errors="replace").strip().splitlines() or ["no output"]
-        said = lines[-1] if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
+        said = last if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
         raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
 
 
@@ -74,7 +72,7 @@ def _python() -> tuple[str, dict[str, str]]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
     if "PECS_LIBRARY" in environment:
         environment["PECS_LIBRARY"] = str(Path(environment["PECS_LIBRARY"]).absolute())
-    return python, environment
+    return python, environment | {"PECS_PROGRESS": "json"}
 
 
 def fault_of(jobs: list[list[str]]) -> str:
@@ -93,25 +91,18 @@ def scene_folders() -> list[Path]:
     return [CHECKOUT / "scenes", *(package / "scenes" for package in packages)]
 
 
-def _watched(process: subprocess.Popen[bytes], log: Path, at: int, tell: Callable[[str], None]) -> int:
-    """The exit code. Once a second, and at the end, `tell` gets the last step of what the log has from byte `at` on."""
-    code = None
+def _watched(process: subprocess.Popen[str], log: TextIO, tell: Callable[[str], None]) -> tuple[int, str]:
+    """The exit code and the last line of standard error. `tell` gets its progress, the log its other lines."""
+    last = "no output"
     try:
-        while code is None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                code = process.wait(1)
-            whole = _from(log, at).rpartition(b"\n")[0]  # a line that is being written is read later
-            at += len(whole)
-            if steps := STEP.findall(whole.decode(errors="replace") + "\n"):
-                tell(steps[-1])
+        for line in process.stderr or ():
+            if status := status_of(line):
+                if status.get("progress") == "render" and {"done", "total", "left_s"} <= status.keys():
+                    tell("{done}/{total}, {left_s:.0f} s left".format_map(status))
+                continue
+            print(line, end="", file=log, flush=True)
+            last = line.strip() or last
+        return process.wait(), last
     except BaseException:  # stopped; finished frames are kept
         process.terminate()
         raise
-    return code
-
-
-def _from(log: Path, begin: int) -> bytes:
-    """What a log contains from a byte on."""
-    with log.open("rb") as file:
-        file.seek(begin)
-        return file.read()

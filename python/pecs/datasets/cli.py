@@ -27,6 +27,7 @@ from .sequence import sequences
 from .work import RUNS, Busy, pixels
 
 SHOWN_ROWS = 20  # of --plan
+MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
 other has."""
@@ -196,23 +197,28 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
     stacks = [camera for camera in found.cameras if camera.has_light]
     owners = sum(not camera.pixels_of for camera in found.cameras)
-    for index in wanted:
+    names = {path.name for path in output.glob("sequences/*")}
+    whole, begun = ([index for index in wanted if f"{index:04d}{end}" in names] for end in ("", ".partial"))
+    spaced = set(_spaced(wanted))
+    for index in sorted({*wanted[:SHOWN_ROWS], *spaced, *_spaced(whole), *_spaced(begun)}):
         drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
         scene, duration_s = drawn["scene"], drawn["duration_s"]
-        truth += owners * found.truth_frames(duration_s)
-        light += sum(_instants(found, drawn, one) for one in stacks)
+        if index in spaced:
+            truth += owners * found.truth_frames(duration_s)
+            light += sum(_instants(found, drawn, one) for one in stacks)
         share, seconds, gigabytes = _made(found, drawn, folder)
         if share:
             made[scene] += share, share * duration_s, seconds, gigabytes
-        if not folder.is_dir():
+        if index in spaced and not folder.is_dir():
             missing[scene] += 1, (1 - share) * duration_s
         words = [f"{index:04d}", f"{drawn['split']:5}", f"{scene:16}", f"{duration_s:.3g} s"]
         rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
-    if len(rows) > SHOWN_ROWS:
-        print(f"… and {len(rows) - SHOWN_ROWS} more")
+    if len(wanted) > SHOWN_ROWS:
+        print(f"… and {len(wanted) - SHOWN_ROWS} more")
     kind = "keyframes among" if found.render["time"] == "adaptive" else "all of"
-    what = f"ground truth at {truth} instants, light at {kind} {light}"
+    about, each = "about " if len(spaced) < len(wanted) else "", len(wanted) / len(spaced)
+    what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
     print(f"{len(wanted)} sequences, {len(stacks)} stacks each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     if not made:
@@ -222,13 +228,18 @@ def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
     every = sum(made.values(), np.zeros(4))
     print(f"measured on {every[0]:.2g} existing sequences of {', '.join(sorted(made))}")
     count, left_s, size = 0.0, 0.0, 0.0
-    for scene, (number, duration_s) in missing.items():
+    each = (len(wanted) - len(whole)) / max(1, sum(number for number, _ in missing.values()))
+    for scene, (number, duration_s) in ((scene, each * of) for scene, of in missing.items()):
         _, durations_s, seconds, gigabytes = made.get(scene, every)
         share = duration_s / durations_s
         count, left_s, size = count + number, left_s + share * seconds, size + share * gigabytes
     unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
     print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")
+
+
+def _spaced(indices: list[int]) -> list[int]:
+    return indices[:: -(-len(indices) // MOST_DRAWN) or 1]
 
 
 def _instants(found: recipe.Recipe, drawn: dict[str, Any], camera: recipe.CameraEntry) -> int:

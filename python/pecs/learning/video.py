@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsOutputError, optional_module
-from .._files import PartialFile, lock_file, whole_folder, write_whole
+from .._files import PartialFile, whole_folder, write_whole
 from ..datasets.files import png_bytes
 
 LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
@@ -69,11 +69,8 @@ class VideoWriter:
         cv2 = optional_module("cv2", "opencv-python-headless", "writing video", "learning")
         if hasattr(cv2, "setLogLevel"):
             cv2.setLogLevel(0)
-        # OpenCV chooses the format by the extension, and opens a file by its name; .NAME.partial.mp4 is ours as well.
-        with PartialFile(self.path) as output, ExitStack() as held:
-            unfinished = output.path.with_name(f".{output.path.stem}.partial.mp4")
-            held.enter_context(lock_file(unfinished, self.path))
-            video = cv2.VideoWriter(str(unfinished), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, self._size)
+        with PartialFile(self.path, keeps_extension=True) as output:
+            video = cv2.VideoWriter(str(output.partial), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, self._size)
             try:
                 if not video.isOpened():
                     what = f"{self._size[0]} x {self._size[1]} pixels at {self._fps:g} pictures per second"
@@ -82,11 +79,10 @@ class VideoWriter:
                     )
                 yield lambda picture: video.write(np.repeat(picture[..., None], 3, axis=2))
                 video.release()
-                self._check(cv2, unfinished)
-                output.commit(unfinished)
+                self._check(cv2, output.partial)
+                output.commit()
             finally:
                 video.release()
-                unfinished.unlink(missing_ok=True)
 
     def _check(self, cv2: Any, unfinished: Path) -> None:
         """OpenCV reports neither a full disk nor a picture of another size."""

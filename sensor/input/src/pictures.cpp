@@ -23,6 +23,9 @@ bool is_nominal(double own_ms, std::int64_t frame, double fps) {
   return fps > 0 && std::abs(own_ms - static_cast<double>(frame) * 1e3 / fps) <= kRounding_ms;
 }
 
+// OpenCV has no time, 0, for the last frames of a video with B frames.
+bool has_time(std::span<const double> own_ms, std::size_t frame) { return frame == 0 || own_ms[frame] != 0; }
+
 void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
   if (std::abs(video.pixel_aspect - 1) > 1e-3)
     throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", video.pixel_aspect), "1 (square pixels: resample it)");
@@ -112,14 +115,19 @@ class Video final : public Pictures {
   void set_times(sensor::FrameTimes times, const std::vector<double>& own_ms) {
     if (!times.fps && !times.file_us) {
       for (std::size_t i = 0; i < own_ms.size(); ++i)
-        variable_ |= !is_nominal(own_ms[i] - own_ms[0], static_cast<std::int64_t>(i), video_.fps);
+        variable_ |=
+            has_time(own_ms, i) && !is_nominal(own_ms[i] - own_ms[0], static_cast<std::int64_t>(i), video_.fps);
       if (!variable_) times.fps = video_.fps;
     }
     if (!variable_) {
       info_.times_ns = times.of(std::ssize(own_ms), path_.string());
       return;
     }
-    for (const double ms : own_ms) {
+    for (std::size_t i = 0; i < own_ms.size(); ++i) {
+      const double ms = own_ms[i];
+      if (!has_time(own_ms, i))
+        throw bad_input(path_.string(), fmt::format("time of frame {}", i), "none (OpenCV has none of last B frames)",
+                        "one, in a video of variable frame rate (or --fps, --times)");
       info_.times_ns.push_back(std::llround((ms - own_ms[0]) * 1e6));
       if (const auto& t = info_.times_ns; t.size() > 1 && t.back() <= t[t.size() - 2])
         throw bad_input(path_.string(), fmt::format("time of frame {}", t.size() - 1), fmt::format("{} ms", ms),

@@ -1,5 +1,7 @@
 #include "pecs/input/video_file.h"
 
+#include <fmt/format.h>
+
 #include <opencv2/core.hpp>
 
 #include "pecs/error.h"
@@ -9,20 +11,16 @@
 namespace pecs::input {
 
 struct VideoFile::State {
-  std::filesystem::path path, unfinished;  // OpenCV chooses the container by the extension, so both have the same one
+  std::filesystem::path path;
   double fps;
-  PartialFile partial;
-  std::function<void(const cv::Mat&)> append;
-  std::string codec;
+  PartialFile partial{path, true};
+  std::function<void(const cv::Mat&)> append{};
+  std::string codec{};
+  cv::Size size{};
+  int frames = 0;
 };
 
-VideoFile::VideoFile(const std::filesystem::path& path, double fps)
-    : state_(new State{path,
-                       path.parent_path() / ("." + path.stem().string() + ".partial" + path.extension().string()),
-                       fps,
-                       PartialFile(path),
-                       {},
-                       {}}) {}
+VideoFile::VideoFile(const std::filesystem::path& path, double fps) : state_(new State{path, fps}) {}
 
 VideoFile::~VideoFile() = default;
 
@@ -32,15 +30,27 @@ void VideoFile::write(const cv::Mat& bgr) {
   for (const char* codec : {"avc1", "mp4v"}) {
     if (s.append) break;
     s.codec = codec;
-    s.append = media().video_writer(s.unfinished.string(), codec, s.fps, even.width, even.height);
+    s.size = even.size();
+    s.append = media().video_writer(s.partial.partial_path().string(), codec, s.fps, even.width, even.height);
   }
   if (!s.append) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
   s.append(bgr(even));
+  ++s.frames;
 }
 
 void VideoFile::close() {
-  state_->append = {};
-  state_->partial.commit(state_->unfinished);
+  State& s = *state_;
+  s.append = {};
+  // OpenCV reports neither a full disk nor a frame that the encoder rejects.
+  const VideoFrames video = media().open_video(s.partial.partial_path().string());
+  cv::Mat first;
+  int frames = video.read && video.read(first) ? 1 : 0;
+  while (frames > 0 && video.skip()) ++frames;
+  if (first.size() != s.size || frames != s.frames)
+    throw bad_output(s.path.string(),
+                     fmt::format("got {} readable frames of {}x{}, wanted {} of {}x{} (disk full?)", frames, first.cols,
+                                 first.rows, s.frames, s.size.width, s.size.height));
+  s.partial.commit();
 }
 
 const std::string& VideoFile::codec() const { return state_->codec; }

@@ -92,7 +92,8 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   if (o.has("set")) out.overrides = overrides_from(o.any("set"));
   if (o.has("bias"))
     for (const auto& [name, offset] : numbers_of(o.any("bias"), "bias"))
-      out.biases[name.starts_with("bias_") ? name.substr(5) : name] = offset;
+      if (!out.biases.insert({name.starts_with("bias_") ? name.substr(5) : name, offset}).second)
+        o.fail("bias", name + " beside the same without bias_", "each bias once");
   if (o.has("bias_file")) out.bias_file = o.text("bias_file");
   out.no_noise = o.boolean_or("no_noise", false);
   out.seed = static_cast<std::uint64_t>(

@@ -70,6 +70,10 @@ std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string&
                       fmt::format("{}, one per frame", frames));
     if (!unit) unit_check.check(file_us->string());
   } else if (fps) {
+    const double least = 1e-9 * static_cast<double>(std::max<std::int64_t>(1, frames - 1)), most = 1e9;
+    if (!(*fps >= least && *fps <= most))
+      throw Error(ExitCode::usage,
+                  fmt::format("--fps: got {:g}, wanted {:g} to {:g} for {} frames", *fps, least, most, frames));
     for (std::int64_t i = 0; i < frames; ++i) times.push_back(std::llround(static_cast<double>(i) * 1e9 / *fps));
   } else {
     throw bad_input(source, "times", "none", "--fps or --times");

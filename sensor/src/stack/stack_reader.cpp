@@ -1,4 +1,5 @@
 #include <ImfChannelList.h>
+#include <ImfChromaticitiesAttribute.h>
 #include <ImfInputFile.h>
 #include <ImfStringAttribute.h>
 #include <fmt/format.h>
@@ -96,6 +97,25 @@ void bucket_weights(std::vector<Band>& bands) {
   }
 }
 
+Quantity quantity_of(const Imf::Header& header, const fs::path& path) {
+  const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
+  constexpr const char* kPerNm = "W.m^-2.sr^-1";  // of the layout's paper: per nm as well
+  if (!units || units->value() == unit_of(Quantity::radiance) || units->value() == kPerNm) return Quantity::radiance;
+  if (units->value() == unit_of(Quantity::irradiance)) return Quantity::irradiance;
+  throw bad_input(path.string(), "emissiveUnits", shortened(units->value(), 40),
+                  fmt::format("{}, {} or {}", unit_of(Quantity::radiance), kPerNm, unit_of(Quantity::irradiance)));
+}
+
+// R, G and B are those of Rec. 709, which the bands stand for.
+void check_primaries(const Imf::Header& header, const fs::path& path) {
+  const auto* given = header.findTypedAttribute<Imf::ChromaticitiesAttribute>("chromaticities");
+  const Imf::Chromaticities rec709, file = given ? given->value() : rec709;
+  for (const auto at : {&Imf::Chromaticities::red, &Imf::Chromaticities::green, &Imf::Chromaticities::blue})
+    if (const Imath::V2f got = file.*at, wanted = rec709.*at; !got.equalWithAbsError(wanted, 0.01f))
+      throw bad_input(path.string(), "chromaticities", fmt::format("a primary at ({:.4g}, {:.4g})", got.x, got.y),
+                      fmt::format("({:.4g}, {:.4g}) of Rec. 709 (convert the frames)", wanted.x, wanted.y));
+}
+
 // Found by the names of the channels in a file.
 ForeignStack foreign_stack(const fs::path& path) {
   return reading(path, [&] {
@@ -107,16 +127,18 @@ ForeignStack foreign_stack(const fs::path& path) {
     f.window = frame_window(header, true);
     info.width = width_of(f.window);
     info.height = height_of(f.window);
-    const auto* units = header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits");
-    info.quantity =
-        units && units->value() == unit_of(Quantity::irradiance) ? Quantity::irradiance : Quantity::radiance;
+    info.quantity = quantity_of(header, path);
     std::vector<std::pair<double, std::string>> found;
     std::vector<std::string> numbered;
+    std::string reflectance;
     for (auto c = header.channels().begin(); c != header.channels().end(); ++c) {
       const std::string name = c.name();
       if (const auto lambda = channel_lambda_nm(name)) found.emplace_back(*lambda, name);
       if (name.starts_with("Radiance.C")) numbered.push_back(name);  // sorted: C01, C02, …
+      if (name.starts_with("T.") && channel_lambda_nm("S0" + name.substr(1))) reflectance = name;
     }
+    if (found.empty() && !reflectance.empty())
+      throw bad_input(path.string(), "channels", "a reflectance, " + reflectance, "light, S0.<wavelength>nm");
     f.layout = "spectral EXR";
     if (found.empty() && numbered.size() > 1) {
       f.layout = "pbrt Radiance.C01…";
@@ -126,6 +148,7 @@ ForeignStack foreign_stack(const fs::path& path) {
     }
     const auto has = [&](const char* name) { return header.channels().findChannel(name) != nullptr; };
     if (found.empty() && has("R") && has("G") && has("B")) {
+      check_primaries(header, path);
       f.layout = "RGB EXR";
       info.quantity = Quantity::relative;
       found = {{465, "B"}, {550, "G"}, {610, "R"}};

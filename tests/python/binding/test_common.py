@@ -126,3 +126,26 @@ def test_a_child_has_the_command_s_exit_code(tmp_path):
     orphan = _child.mortal([sys.executable, "-c", "open('x')"])
     orphan[3] = "1"  # the parent that it was started by
     assert subprocess.run(orphan).returncode == 128 + signal.SIGTERM
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_a_library_that_does_not_return(sent, code):
+    """Such as a network with an endless loop: Python's handlers do not run then."""
+    command = """import hashlib, signal, sys
+from pecs import _command
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where we run in the background
+_command.GRACE_S = 0.5
+def run(args):
+    print("ready", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**{digits})
+sys.exit(_command.answer(_command.Parser(prog="pecs test"), run, []))"""
+    for digits, least_s in ((9, 0.5), (6, 0)):  # minutes; a second
+        with subprocess.Popen(
+            [sys.executable, "-c", command.format(digits=digits)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process:
+            process.stdout.readline()
+            time.sleep(0.3)  # it is in the library now
+            begin = time.monotonic()
+            process.send_signal(sent)
+            assert process.wait(60) == code
+            assert least_s <= time.monotonic() - begin < 20 and process.stderr.read() == b""

@@ -85,6 +85,26 @@ def test_a_good_recipe(tmp_path):
     assert not (tmp_path / "set").exists()
 
 
+def test_the_plan_of_a_million_sequences(tmp_path):
+    """It draws evenly spaced ones; the numbers are those of all, within a percent of a thousand times a thousand."""
+    path, counts = write(tmp_path), []
+    for number in (999, 1_000_000):
+        done = dataset(path, "-o", tmp_path / "set", "--plan", "--sequences", number, timeout=60)
+        assert done.returncode == 0 and f"… and {number - 20} more" in done.stdout, done.stderr
+        said = re.search(
+            rf"{number} sequences, .* at (about )?(\d+) instants, light at all of (about )?(\d+)", done.stdout
+        )
+        assert bool(said[1]) == bool(said[3]) == (number > 1000)
+        counts.append([int(said[2]) / number, int(said[4]) / number])
+    assert counts[0] == pytest.approx(counts[1], rel=0.01)
+
+
+@pytest.mark.parametrize("names", [("left", "Left"), ("left", "n" * 300)], ids=["case", "length"])
+def test_names_that_make_no_folder(tmp_path, names):
+    path = write(tmp_path, 'name = "film"', f'name = "{names[1]}"')
+    refused(dataset(path, "-o", tmp_path / "set", "--plan"), 4, "r.toml: rig.camera: got the name ")
+
+
 WRONG = [
     ("width = 128", "width = 4000", "rig.camera left: "),
     ('partner = "left"\n', "", "rig.camera left.partner: got right, wanted a camera of the same kind whose partner"),

@@ -150,6 +150,22 @@ def test_a_renderer_that_crashes_is_started_once_more(tmp_path, monkeypatch, cra
     assert count.read_text() == "start\nstart\n"
 
 
+def test_progress_is_read_from_json_lines(tmp_path, monkeypatch):
+    """The log has the other lines, and an error the last of standard error."""
+    python = tmp_path / "python"
+    lines = ('{"progress": "render", "done": 3, "total": 17, "left_s": 199.7}', '{"progress": "motion", "done": 1}')
+    lines += ("{no JSON", "render: 9/17, 1 s left", "pecs_blender: disk: full")
+    said = "".join(f"echo '{line}' >&2\n" for line in lines)
+    python.write_text(f'#!/bin/sh\n[ "$PECS_PROGRESS" = json ] || exit 9\necho noise\n{said}exit 5\n')
+    python.chmod(0o755)
+    monkeypatch.setenv("PECS_BLENDER_PYTHON", str(python))
+    told = []
+    with pytest.raises(pecs.PecsError, match=r"^pecs_blender: disk: full \(.*a\.log\)$") as error:
+        blender("--help", folder=tmp_path, log="a.log", tell=told.append)
+    assert error.value.code == 5 and told == ["3/17, 200 s left"]
+    assert sorted((tmp_path / "a.log").read_text().splitlines()) == sorted(["noise", *lines[2:]])
+
+
 def test_two_files_of_one_name_in_two_folders(tmp_path):
     """Each counts, and so does which is which."""
     paths = [tmp_path / folder / "lamp.csv" for folder in "ab"]

@@ -51,14 +51,37 @@ def test_the_unit_of_the_format_needs_no_option(tmp_path, name, arguments):
     np.testing.assert_array_equal(pecs.read(tmp_path / name)["t"], T)
 
 
-def test_nanoseconds_that_no_recording_has_by_chance(tmp_path):
-    """Of a clock in ns (no multiples of 1000), and since 1970."""
-    np.savez(tmp_path / "e.npz", t=T * 1000 + 7, x=X, y=Y, p=P)
-    with pytest.raises(pecs.PecsInputError, match="events per second"):
-        pecs.read(tmp_path / "e.npz")
-    np.savez(tmp_path / "e.npz", t=1_700_000_000_000_000_000 + 7 * T, x=X, y=Y, p=P)
-    with pytest.raises(pecs.PecsInputError, match="time-unit"):
-        pecs.read(tmp_path / "e.npz")
+def bare(path, t, width=125, height=97):
+    i = np.arange(len(t))
+    np.savez(path, t=t, x=i % width, y=i % height, p=i % 2)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("t", "got"),
+    [
+        (T * 1000 + 7, "steps of 1000 us alone"),  # a clock in us with an offset
+        (np.floor(T * 1e-6 * 1e9).astype(np.int64), "steps of 1000 us alone"),  # through a float of seconds
+        (1_700_000_000_000_000_000 + 7 * T, "us, wanted times that can only be us"),  # since 1970
+    ],
+)
+def test_nanoseconds_that_no_recording_has_by_chance(tmp_path, t, got):
+    path = bare(tmp_path / "e.npz", t)
+    with pytest.raises(pecs.PecsInputError, match=f"{got}.*--time-unit"):
+        pecs.read(path)
+    assert len(pecs.read(path, time_unit="ns")) == N
+
+
+@pytest.mark.parametrize(("width", "height", "per_pixel"), [(128, 128, 10), (640, 480, 10), (1280, 720, 30)])
+def test_nanoseconds_of_a_clock_that_resolves_them(tmp_path, width, height, per_pixel):
+    """At the rates of a moving camera (docs/howto/cost.md), 160,000 to 28 million events per second."""
+    gaps = np.random.default_rng(1).exponential(1e9 / (per_pixel * width * height), 5000)
+    path = bare(tmp_path / "e.npz", np.cumsum(gaps).astype(np.int64), width, height)
+    with pytest.raises(pecs.PecsInputError, match=r"events per second of \d+x\d+ pixels, if times are us.*--time-unit"):
+        pecs.read(path)
+    assert len(pecs.read(path, time_unit="ns")) == 5000
+    np.savez(path, **{**np.load(path), "t": np.cumsum(gaps * 1e-3).astype(np.int64)})
+    assert len(pecs.read(path)) == 5000
 
 
 def test_files_that_state_their_unit(tmp_path):

@@ -1,16 +1,16 @@
 """A disk that fills up: one line, exit code 5, and no half a file. Needs root for a small file system of its own."""
 
+import os
 import subprocess
 import sys
 
 import numpy as np
+import pecs
 import pytest
-from support.faults import random_stack
+from support.faults import events, fill, random_stack, refused
 
 
 def test_a_stack_that_fills_the_disk(small_disk):
-    import pecs
-
     with pytest.raises(pecs.PecsError) as e:
         random_stack(small_disk / "s", 50)
     assert e.value.code == 5 and "space" in str(e.value)
@@ -28,6 +28,37 @@ def test_events_that_fill_the_disk(pecs_program, small_disk, tmp_path):
     assert result.returncode == 5, result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not output.exists()
+
+
+@pytest.mark.parametrize("free", [0, 4096, 16384])
+@pytest.mark.parametrize("command", ["view", "render-preview", "sense"])
+def test_a_video_that_fills_the_disk(pecs_program, small_disk, tmp_path, command, free):
+    """OpenCV reports no error."""
+    random_stack(tmp_path / "s", 20)
+    pecs.write(tmp_path / "e.raw", events(20_000), 64, 48)
+    fill(small_disk, free)
+    screenless = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    words = {
+        "view": [tmp_path / "e.raw", "-o", small_disk / "v.mp4"],
+        "render-preview": [tmp_path / "s", "-o", small_disk / "v.mp4"],
+        "sense": [
+            tmp_path / "s",
+            "-o",
+            tmp_path / "v",
+            "--format",
+            "evt3",
+            "--gain",
+            1e-15,
+            "--view",
+            "--window",
+            "1ms",
+        ],
+    }[command]
+    if command == "sense":
+        (tmp_path / "v.mp4").symlink_to(small_disk / "v.mp4")
+        (small_disk / "v.mp4").touch()
+    refused(pecs_program(command, *words, "--quiet", env=screenless), 5, "v.mp4: cannot be written: ")
+    assert not (small_disk / "v.mp4").exists() or not (small_disk / "v.mp4").stat().st_size
 
 
 def test_a_render_asks_for_its_space_first(root, small_disk):

@@ -95,11 +95,23 @@ def test_an_output_that_is_an_input_is_refused(pecs_program, recording, stack, t
     for name in ("stack.json", "frame_000001.exr"):
         result = pecs_program("sense", stack, "-o", stack / name, "--format", "evt3", "--gain", 1e-15)
         refused(result, 2, name, "a file of the input folder")
-    labels = ["--labels", tmp_path / "o.raw"]
-    refused(pecs_program("sense", stack, "-o", tmp_path / "o.raw", "--gain", 1e-15, *labels), 2, "two outputs")
+    for name in ("o.raw", "o.raw.run.json", "o.raw.partial"):  # with the run record, which came last
+        words = ["-o", tmp_path / "o.raw", "--gain", 1e-15, "--labels", tmp_path / name]
+        refused(pecs_program("sense", stack, *words), 2, "two outputs")
+        with pytest.raises(pecs.PecsInputError, match="two outputs"):
+            pecs.sense(stack, tmp_path / "o.raw", gain=1e-15, labels=tmp_path / name)
+        assert not (tmp_path / "o.raw").exists()
     assert before == {p.name: p.read_bytes() for p in stack.iterdir()}
     assert pecs_program("sense", stack, "-o", stack / "o.raw", "--gain", 1e-15).returncode == 0
     assert pecs_program("sense", stack, "-o", stack / "o.raw", "--gain", 1e-15).returncode == 0  # over its own last
+
+
+def test_the_video_of_a_view_is_an_output(pecs_program, tmp_path):
+    (tmp_path / "v.mp4").write_bytes(b"mine")
+    for output, more, got in (("v", [], "the input itself"), ("w", ["--labels", tmp_path / "w.mp4"], "two outputs")):
+        words = ["-o", tmp_path / output, "--format", "evt3", "--view", *more]
+        refused(pecs_program("sense", tmp_path / "v.mp4", *words), 2, got)
+    assert (tmp_path / "v.mp4").read_bytes() == b"mine"
 
 
 @pytest.mark.parametrize("name", ["o.npz", "o.h5", "o.hdf5"])
@@ -212,6 +224,36 @@ def test_a_time_beyond_all_recordings(pecs_program, recording, tmp_path):
     for option in ("--from", "--to"):
         result = pecs_program("view", recording, "-o", tmp_path / "o.png", option, "1e30s")
         refused(result, 2, option, "1e30s")
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (["--fps", "1e-308"], "--fps: got 1e-308, wanted 2e-09 to 1e+09 for 3 frames"),
+        (["--fps", "1e300"], "--fps: got 1e+300, wanted 2e-09 to 1e+09"),
+        (["--fps", "9", "--bias", "diff_on=3", "--bias", "bias_diff_on=5"], "diff_on is set twice; set it once"),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, list) else "",
+)
+def test_values_that_made_other_values(pecs_program, tmp_path, option, said):
+    for i in range(3):
+        (tmp_path / f"{i}.pgm").write_bytes(b"P5\n8 4\n255\n" + bytes(range(i, i + 32)))
+    refused(pecs_program("sense", tmp_path, "-o", tmp_path / "o.raw", *option), 2, said)
+    with pytest.raises(pecs.PecsError, match="each bias once"):
+        pecs.Sensor(8, 4, photocurrent_a=1e-12, biases={"diff_on": 3, "bias_diff_on": 5})
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (["--t-start", "9us", "--t-end", "9us"], "--t-end: got 9 us, wanted later than --t-start, 9 us"),
+        (["--decimate", "96"], "--decimate: got 96, wanted at most 95 for 64x48 pixels"),
+    ],
+    ids=["times", "pixels"],
+)
+def test_a_selection_of_nothing(pecs_program, recording, tmp_path, option, said):
+    refused(pecs_program("convert", recording, tmp_path / "o.raw", *option), 2, said)
+    assert pecs_program("convert", recording, tmp_path / "o.raw", "--decimate", 95).returncode == 0
 
 
 @pytest.mark.parametrize("option", ["--duration", "--start"])

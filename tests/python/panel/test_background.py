@@ -112,6 +112,17 @@ for number, name in ((11, "Segmentation fault"), (9, "Killed")):
     text = f"Render Stack was ended by signal {number} ({name})"
     assert (background.state.message, background.state.is_error) == (text, True), background.state.message
 
+# A job that cannot be started ends the queue, not the panel.
+def broken():
+    raise OSError("no such program")
+after = [background.Next([], broken), background.Next([], broken)]
+job = background.BackgroundJob("Render Stack", [sys.executable, "-c", ""], Path("/s"), str)
+background.start(job, after)
+while background.poll() is not None:
+    time.sleep(0.02)
+text = "Render Stack: the next job cannot start: no such program"
+assert (background.state.message, background.state.is_error, background.state.queue) == (text, True, [])
+
 # The windows are drawn again when the text of the job changes, and at its end, not at each poll.
 drawn, shown = [], ["Render 0%"]
 background._redraw = lambda: drawn.append(shown[0])

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from support import in_bpy, make_blends, run_support
+from support import in_bpy, make_blends, pecs_blender, run_support
 from support.blend_files import FILES
 
 NAMES = [make.__name__ for make in FILES]
@@ -172,3 +172,36 @@ for chosen in (False, True):
 """
     result = in_bpy(code, blends / "world.blend")
     assert [line for line in result.stdout.splitlines() if "MANUAL" in line] == ["MANUAL 16", "MANUAL 512"]
+
+
+FOREIGN = """
+import sys
+from pathlib import Path
+import bpy
+from pecs_blender.scene.blend import save_copy
+from pecs_blender.scene.open import open_scene
+
+folder = Path(sys.argv[1])
+path = folder / "file.blend"
+bpy.ops.wm.read_factory_settings()
+bpy.context.scene["pecs_folder"] = "/etc"
+bpy.context.scene.render.resolution_x = 5000
+bpy.ops.wm.save_as_mainfile(filepath=str(path))
+(folder / "copies").mkdir()
+copy = save_copy(folder / "copies")
+records = []
+for file in (path, copy):
+    source = open_scene(file, "d65")
+    assert source.folder == folder.resolve(), source.folder
+    records.append(source.record)
+assert records[0] == records[1]
+"""
+
+
+def test_what_a_foreign_file_cannot_choose(tmp_path):
+    """The folder of relative files, also in a copy; a size that no stack has, which took memory and minutes."""
+    in_bpy(FOREIGN, tmp_path)
+    words = ("render", tmp_path / "file.blend", "-o", tmp_path / "s", "--plan", "--bands", 1)
+    result = pecs_blender(*words, "--time", "adaptive", check=False)
+    line = "--width: got 5000 x 1080 pixels of 2 x 2 subpixels, wanted at most 8192 each way"
+    assert (result.returncode, result.stderr) == (2, f"pecs_blender: {line}\n")

@@ -156,7 +156,6 @@ HIDDEN = [  # what a user does to a file without changing its light
     "scene.tool_settings.use_snap = True; scene.frame_end = 9; scene.cursor.location.x = 3",
     "scene.view_layers[0].use_pass_z = True; scene.view_layers.new('other')",
     "scene.unit_settings.length_unit = 'CENTIMETERS'; data.texts.new('notes')",
-    "scene['pecs_folder'] = '/tmp'; scene.pop('pecs_folder')",
     "(folder / 'deeper').mkdir(exist_ok=True); new = str(folder / 'deeper' / 'copy.blend'); "
     "bpy.ops.wm.save_as_mainfile(filepath=new, relative_remap=True); bpy.ops.wm.open_mainfile(filepath=new)",
 ]

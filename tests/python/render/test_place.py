@@ -24,6 +24,19 @@ for name, uv in (("cube", True), ("plain", False)):
     if not uv:
         cube.data.uv_layers.remove(cube.data.uv_layers[0])
     bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
+for name in ("material", "shape"):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    cube, code = bpy.context.object, f"open({folder!r} + '/ran', 'w').close() or 1"
+    if name == "shape":
+        driven, key = [cube.shape_key_add(name=one) for one in "ab"][1], "value"
+    else:
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        cube.data.materials.append(material)
+        driven, key = material.node_tree.nodes["Principled BSDF"].inputs["Roughness"], "default_value"
+    driven.driver_add(key).driver.expression = code
+    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.wm.save_as_mainfile(filepath=folder + "/empty.blend")
 image = bpy.data.images.new("red", 4, 4)
@@ -106,6 +119,18 @@ def test_spin_turns_it_about_its_middle(files, tmp_path):
 def test_what_is_wrong_is_one_line(files, tmp_path, changes, code, line):
     result = render(files, tmp_path / "s", [thing(files) | changes], check=False)
     assert result.returncode == code and line in result.stderr and result.stderr.count("\n") == 1, result.stderr
+
+
+@pytest.mark.parametrize("name", ["material", "shape"])
+def test_python_of_a_placed_file_is_refused(files, tmp_path, name):
+    """As that of the main file, in one line, before Blender tries it."""
+    (files / "ran").unlink(missing_ok=True)  # by Blender that made the file
+    result = render(files, tmp_path / "s", [thing(files, file=name)], check=False)
+    assert result.returncode == 6 and result.stderr.count("\n") == 1, result.stderr
+    assert f"{name}.blend: " in result.stderr and "--allow-scripts runs it" in result.stderr
+    assert not (files / "ran").exists()
+    render(files, tmp_path / "s", [thing(files, file=name)], "--allow-scripts")
+    assert (files / "ran").exists()
 
 
 def test_what_files_lack_is_one_line(files, tmp_path):

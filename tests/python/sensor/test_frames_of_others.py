@@ -89,6 +89,21 @@ def test_variable_frame_rate(tmp_path, pecs_program):
     assert_same(simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100), constant)
 
 
+def test_a_video_with_b_frames(tmp_path, pecs_program):
+    """H.264 as most encoders write it, PECS too: OpenCV has no time of the last frames."""
+    write(tmp_path / "s", frames=N)
+    path = tmp_path / "v.mp4"
+    assert pecs_program("render-preview", tmp_path / "s", "-o", path, "--fps", 100).returncode == 0
+    if b"ctts" not in path.read_bytes():
+        pytest.skip("needs an encoder of B frames")
+    simulated(pecs_program, path, tmp_path / "c.npz")
+    found = json.loads((tmp_path / "c.npz.run.json").read_text())
+    assert (found["config"]["input"], found["results"]["frames"]) == ("video", N)
+    assert_same(pecs.read(tmp_path / "c.npz"), simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100))
+    with_durations(path, [32] + [128] * (N - 1))
+    refused(pecs_program, path, f"time of frame {N - 2}: got none (OpenCV has none of last B frames), wanted one")
+
+
 # --- pictures ---------------------------------------------------------------------------------------------------------
 
 
@@ -177,6 +192,30 @@ def test_windows_that_cannot_be_one_camera(tmp_path, pecs_program):
     refused(pecs_program, crop, "007.exr: window: got (5, 2), wanted (4, 2)", "--fps", 100)
     stretched = exr_folder(tmp_path / "b", lambda i: (0, 0, W, H), PixelAspectRatio=2.0)
     refused(pecs_program, stretched, "pixelAspectRatio: got 2, wanted 1", "--fps", 100)
+
+
+@pytest.mark.parametrize(
+    ("channels", "attributes", "said"),
+    [
+        (
+            "RGB",
+            {"chromaticities": (1, 0, 0, 1, 0, 0, 1 / 3, 1 / 3)},
+            "chromaticities: got a primary at (1, 0), wanted",
+        ),
+        ("RGB", {"chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)}, ""),
+        (["R", "G", "B", "T.500,0nm"], {}, "channels: got a reflectance, T.500,0nm, wanted light"),
+        (["S0.500,0nm", "T.500,0nm"], {"emissiveUnits": "W.m^-2.sr^-1"}, ""),
+        (["S0.500,0nm"], {"emissiveUnits": "cd.m^-2"}, "emissiveUnits: got cd.m^-2, wanted W.m^-2.sr^-1.nm^-1"),
+    ],
+)
+def test_what_exr_channels_mean(tmp_path, pecs_program, channels, attributes, said):
+    for i, frame in enumerate(FRAMES):
+        write_exr(tmp_path / f"{i:03}.exr", dict.fromkeys(channels, frame), **attributes)
+    words = ["--fps", 100, *([] if "R" in channels else ["--gain", 1e-15])]
+    if said:
+        refused(pecs_program, tmp_path, said, *words)
+    else:
+        simulated(pecs_program, tmp_path, tmp_path / "o.npz", *words)
 
 
 # --- numbers of a window ----------------------------------------------------------------------------------------------

@@ -77,6 +77,26 @@ def test_events_get_what_their_pixel_saw(tmp_path, light):
     assert np.mean(found[rim] != wanted[rim]) < 0.35
 
 
+def test_a_period_repeats_the_stack(tmp_path):
+    """A rectangle moves there and, in the interval that closes the period, back."""
+    there = Rectangle(drift=(0.0, 0.0))
+    back = Rectangle(step=(-12.0, -4.0), drift=(0.0, 0.0), at=(20.3 + 12, 20.6 + 4))
+    objects = OBJECTS, [there.ids(k)[None].astype(np.float32) for k in (0, 1)]
+    motions, times = [there.motion(), back.motion()], [0, 1000 * STEP_US]
+    truth = write_stack(
+        tmp_path / "s", [np.ones((H, W), np.float32)] * 2, times, motions, period_ns=2 * times[1], more=[objects]
+    )
+    events = random_events(20_000, 5 * STEP_US)
+    found = pecs.event_labels(events, truth)
+    x, y, at = (events[name].astype(float) for name in "xyt")
+    t = at / STEP_US % 2
+    outlines = [scene.edges(x, y, t - k)[0] for k, scene in enumerate((there, back))]
+    outline, line = np.where(t < 1, *outlines), there.edges(x, y, t)[1]
+    wanted = np.where(outline < 0, 7, np.where(line < 0, 2, 3))
+    rim = (np.abs(outline) < 1.25) | (np.abs(line) < 1.25)
+    assert np.array_equal(found[~rim], wanted[~rim]) and (~rim).sum() > 15_000
+
+
 def test_time_counts_from_the_first_instant(tmp_path):
     scene = Rectangle()
     truth = write_truth(tmp_path / "truth", scene, 2)

@@ -27,6 +27,15 @@ def device(path, major, minor):
     return path
 
 
+def fill(disk, free=0):
+    """Writes a file that leaves `free` bytes of a small disk."""
+    with (disk / "filler").open("wb", buffering=0) as file:
+        with pytest.raises(OSError):
+            while True:
+                file.write(bytes(4096))
+        file.truncate(file.tell() - free)
+
+
 def refused(result, code, *words):
     assert result.returncode == code, (result.returncode, result.stderr)
     assert len(result.stderr.splitlines()) == 1 and result.stderr.startswith("pecs: "), result.stderr

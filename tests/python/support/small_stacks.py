@@ -56,6 +56,6 @@ def write_exr(path, channels, kind="float", corner=(0, 0), full=None, **attribut
     spec.x, spec.y = corner
     spec.full_width, spec.full_height = full or (values.shape[1], values.shape[0])
     for key, value in attributes.items():
-        spec.attribute(key, value)
+        spec.attribute(key, *([f"float[{len(value)}]"] if isinstance(value, tuple) else []), value)
     out = oiio.ImageOutput.create(str(path))
     assert out.open(str(path), spec) and out.write_image(values) and out.close()

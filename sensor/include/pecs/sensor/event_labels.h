@@ -9,7 +9,8 @@
 
 namespace pecs::sensor {
 
-// out: a label for each event; 0 before the stack's first frame and after its last one. The layer has one channel of
+// out: a label for each event; 0 before the stack's first frame and after its last one; with a period, the stack
+// repeats. The layer has one channel of
 // integers, 0 to 65535, per frame (NaN is 0); the stack needs no light. An event gets the label at the nearest of so
 // many instants that nothing moves more than half a pixel from one to the next (motion.h: which point is visible).
 // Events are sorted by time; begin_us: their time at the stack's first frame. Throws bad_input for another kind of

@@ -44,7 +44,8 @@ struct SenseOptions {
   Window window;                                 // of the output
   bool motion = true;                            // warp light between frames along the source's motion, if it has any
   bool quiet = false;
-  // Called with the events that are written, their times from the window's start. False ends the output there.
+  // Called with the events that are written, none where there are none, their times from the window's start. False ends
+  // the output there.
   std::function<bool(std::span<const events::Event>)> watch;
   // Called with the completed share of the work, 0 to 1. False: sense() throws interrupted.
   std::function<bool(double)> progress;

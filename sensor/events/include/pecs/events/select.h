@@ -1,5 +1,7 @@
 #pragma once
 // Selects a part of a stream, block by block.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <optional>
 #include <vector>
@@ -18,13 +20,20 @@ struct Selection {
 
 class Selector {
  public:
-  explicit Selector(const Selection& selection) : s_(selection) {}
+  explicit Selector(const Selection& selection) : s_(selection) {  // throws usage for an empty selection
+    if (s_.t_start_us && s_.t_end_us && *s_.t_start_us >= *s_.t_end_us)
+      throw Error(ExitCode::usage,
+                  fmt::format("--t-end: got {} us, wanted later than --t-start, {} us", *s_.t_end_us, *s_.t_start_us));
+  }
 
-  StreamInfo info(StreamInfo info) const {
+  StreamInfo info(const StreamInfo& info) const {  // throws usage if no pixel is left
     const auto kept = [&](int pixels) { return (pixels - s_.decimate / 2 + s_.decimate - 1) / s_.decimate; };
-    if (info.width > 0) info.width = kept(info.width);
-    if (info.height > 0) info.height = kept(info.height);
-    return info;
+    if (info.width == 0) return info;
+    const StreamInfo out{kept(info.width), kept(info.height), info.camera};
+    if (out.width == 0 || out.height == 0)
+      throw Error(ExitCode::usage, fmt::format("--decimate: got {}, wanted at most {} for {}x{} pixels", s_.decimate,
+                                               2 * std::min(info.width, info.height) - 1, info.width, info.height));
+    return out;
   }
 
   bool keeps(const Event& e) const {

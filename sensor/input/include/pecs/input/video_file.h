@@ -18,7 +18,7 @@ class VideoFile {
 
   // bgr: 8 bits; an odd last row or column is left out, as H.264 requires. Throws bad_output where no encoder opens.
   void write(const cv::Mat& bgr);
-  void close();
+  void close();                      // throws bad_output unless all frames can be read back
   const std::string& codec() const;  // FOURCC, after the first frame
 
  private:
