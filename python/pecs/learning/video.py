@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .._errors import PecsOutputError, optional_module
 from .._files import PartialFile, lock_file, whole_folder, write_whole
-from ..datasets.files import png_bytes
+from .._pages import png_bytes
 
 LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
 FOLLOW = 0.2  # weight of a new picture in the moving average of the range
