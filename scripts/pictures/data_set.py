@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Draws the middle of each sequence of a data set: a picture of the same pixels, events, depth, optical flow, objects.
 
-scripts/dataset_demo.sh
+pecs dataset examples/recipes/demo.toml -o out/dataset_demo
 scripts/pictures/data_set.py out/dataset_demo docs/start/demo_set.webp
 """
 
