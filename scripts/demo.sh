@@ -19,31 +19,27 @@ mkdir -p "$OUT"
 settings=$("$PY" -c 'import json, sys
 for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--set={key}={value}")' \
   scenes/rotating_disk/sequences/R_360_L.json)
+say render
 # shellcheck disable=SC2086
-stage render "scenes/rotating_disk blender_addon/pecs_blender lens_data/spectra lens_data/lenses/pecs_lab_15mm.json" \
-  $OUT/stack/stack.json resumable $OUT/stack "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --fps 2800 --frames period \
-  --width 320 --height 180 --time adaptive \
-  $settings
+"$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --fps 2800 --frames period --width 320 --height 180 \
+  --time adaptive --overwrite $settings
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)
 start_us=0
 if [ -n "$REAL" ]; then
-  stage "real recording" "$PECS $REAL" $OUT/real.raw "$PECS" convert "$REAL" $OUT/real.raw --decimate 4
+  say "real recording"
+  "$PECS" convert "$REAL" $OUT/real.raw --decimate 4
   start_us=$("$PECS" info $OUT/real.raw --json | "$PY" -c 'import json, sys; print(json.load(sys.stdin)["t_first_us"])')
   report_inputs+=(--real $OUT/real.raw)
 fi
-stage sense "$PECS sensor/chips $OUT/stack/stack.json" $OUT/sim.raw "$PECS" sense $OUT/stack -o $OUT/sim.raw \
-  --chip imx636 --seed 1 --warmup-loops 12 --start "$start_us" --duration 54.3ms
+say sense
+"$PECS" sense $OUT/stack -o $OUT/sim.raw --chip imx636 --seed 1 --warmup-loops 12 --start "$start_us" --duration 54.3ms
 
-stage pictures "$PECS $OUT/sim.raw" $OUT/sim.html sh -c "
-  '$PECS' view $OUT/sim.raw -o $OUT/sim.png && '$PECS' view $OUT/sim.raw -o $OUT/sim.mp4 &&
-  '$PECS' view $OUT/sim.raw -o $OUT/sim.html && '$PECS' lens draw pecs_lab_15mm --stop-diameter 1mm --focus 1.56m -o $OUT/lens.svg"
-
-if [ -n "$REAL" ]; then
-  stage compare "$PECS $OUT/real.raw $OUT/sim.raw" $OUT/compare.json \
-    sh -c "'$PECS' compare $OUT/real.raw $OUT/sim.raw --json >$OUT/compare.json"
-fi
-stage report "$PECS $OUT/sim.raw $OUT/lens.svg ${REAL:+$OUT/real.raw}" $OUT/report.html "$PECS" report "${report_inputs[@]}" -o $OUT/report.html
+say pictures
+for kind in png mp4 html; do "$PECS" view $OUT/sim.raw -o $OUT/sim.$kind; done
+"$PECS" lens draw pecs_lab_15mm --stop-diameter 1mm --focus 1.56m -o $OUT/lens.svg
+[ -z "$REAL" ] || "$PECS" compare $OUT/real.raw $OUT/sim.raw --json >$OUT/compare.json
+"$PECS" report "${report_inputs[@]}" -o $OUT/report.html
 
 say "done"
 echo "look at: $ROOT/$OUT/report.html (report), sim.html (3-D), sim.mp4 (slow motion), sim.raw (events)"

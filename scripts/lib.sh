@@ -52,29 +52,3 @@ python_packages() {
   [ -z "${3:-}" ] || "${install[@]}" --no-deps --group "$3"
   printf '%s' "$key" >"$venv/pecs-current"
 }
-
-# stage NAME "INPUTS" OUTPUT COMMAND...: runs COMMAND unless OUTPUT exists and was made by the same command from the same
-# inputs (files or folders; compared by content).
-STAMPS="$ROOT/out/.stamps"
-stage() {
-  local name=$1 inputs=$2 output=$3; shift 3
-  local stamp="$STAMPS/$(basename "$(dirname "$output")")-$name" key
-  # shellcheck disable=SC2086
-  key=$({ printf '%s\n' "$@"; find $inputs -type f ! -name '*.pyc' -print0 | sort -z | xargs -0 sha256sum; } | sha256sum)
-  if [ -e "$output" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$key" ]; then
-    say "$name: current ($output)"
-    return
-  fi
-  say "$name"
-  [ "$(cat "$stamp.begun" 2>/dev/null)" = "$key" ] && CONTINUES=1 || CONTINUES=
-  mkdir -p "$STAMPS" && printf '%s' "$key" >"$stamp.begun"
-  "$@"
-  [ -e "$output" ] || die "$name: $output: got nothing, wanted a file"
-  printf '%s' "$key" >"$stamp"
-}
-
-# resumable FOLDER COMMAND...: for a stage whose command continues what it finds in FOLDER: an older job's is removed first.
-resumable() {
-  [ -n "$CONTINUES" ] || rm -rf "$1"
-  "${@:2}"
-}

@@ -10,7 +10,7 @@
 // In the order of --help.
 #define PECS_COMMANDS(X) \
   X(align)               \
-  X(bands) X(board) X(chip) X(compare) X(convert) X(info) X(lens) X(render_preview) X(report) X(sense) X(view) X(python)
+  X(bands) X(board) X(chip) X(compare) X(convert) X(info) X(lens) X(render_preview) X(report) X(sense) X(video) X(view) X(python)
 
 namespace pecs::app {
 

@@ -46,7 +46,7 @@ void run(const ViewArguments& a, Console& console) {
   const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
   events::Stream stream = a.to_us > 0 ? events::read_part(a.events, 0, to_us) : events::read_all(a.events);
   const events::Recording recording = events::recording_of(std::move(stream), a.events, std::llround(a.from_us), to_us);
-  const view::Theme& theme = a.theme == "dark" ? view::kDark : view::kLight;
+  const view::Theme& theme = events::theme_of(a.theme);
 
   Json result = {{"output", a.output},
                  {"events", recording.events.size()},

@@ -125,15 +125,6 @@ def _merge_options(command) -> None:
     command.add_argument("-o", "--output", type=Path, required=True, help="folder of the joined stack")
 
 
-def _reconstruct_options(command) -> None:
-    add, rate = command.add_argument, Quantity("Hz", above=0, below=1e9)
-    add("events", type=Path, help="event file of any format")
-    add("-o", "--output", type=Path, required=True, metavar="VIDEO.mp4", help="video file")
-    add("--fps", type=rate, default=50.0, help="video frames per second of recorded time")
-    add("--playback-fps", type=Quantity("Hz", above=0, below=1001), help="frame rate of the video (default: as --fps)")
-    add("--cutoff", dest="cutoff_hz", type=rate, default=1.0, help="cutoff frequency of the filter")
-
-
 def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> Path:
     """The stack's folder. check: of what follows the render, before it begins."""
     source, plan = _opened(args)
@@ -214,14 +205,6 @@ def _light(args: dict) -> None:
     write_out(json.dumps(measured) + "\n" if args["json"] else light_words(measured))
 
 
-def _reconstruct(args: dict) -> None:
-    from .job import filter_video
-
-    args["playback_fps"] = args["playback_fps"] or min(args["fps"], 1000)
-    count = filter_video.write(**args)
-    write_out(f"{args['output']}: {count} video frames, by filter\n")
-
-
 COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
     "render": (
         _render,
@@ -260,14 +243,6 @@ COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
         "pecs_blender light FILE.blend",
         "pecs_blender light FILE.blend --chip davis346 --json",
     ),
-    "reconstruct": (
-        _reconstruct,
-        _reconstruct_options,
-        "reconstruct video from an event file with a filter",
-        "Writes a video reconstructed from events with the filter of `pecs reconstruct` "
-        "(docs/reference/reconstruct.md), which also supports networks.",
-        "pecs_blender reconstruct events.raw -o light.mp4 --fps 1kHz --playback-fps 25",
-    ),
     "merge": (
         lambda args: merge(args["shards"], args["output"]),
         _merge_options,
@@ -282,10 +257,10 @@ def main(argv: list[str]) -> int:
     begin = time.monotonic()
     try:
         if argv and argv[0] not in COMMANDS and not argv[0].startswith("-"):
-            programs.pass_on(argv)
+            return programs.pass_on(argv)
         args = vars(_parser().parse_args(argv))
         used, command = dict(args), args.pop("command")
-        if command in ("render", "run", "reconstruct"):
+        if command in ("render", "run"):
             stop.install()
         COMMANDS[command][0](args)
         if used["verbose"]:

@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import json
-import os
 import re
-import struct
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,6 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pecs
 from pecs._errors import PecsError, PecsOutputError
+from pecs._files import take_lock
 
 
 def as_written(light: np.ndarray) -> np.ndarray:
@@ -47,21 +45,13 @@ class Output:
         self.times_ns: list[int] = stack["times_ns"]
 
     def _locked(self, path: Path, frames: slice) -> BinaryIO:
-        """stack.json, open and locked. Byte i stands for frame i (a lock may lie beyond a file's end; slice(0, 0) locks
-        all bytes). The lock belongs to this open file: a POSIX record lock would end when any reader in this process
-        closes stack.json."""
+        """stack.json, open and locked. Byte i stands for frame i; slice(0, 0): all bytes."""
         file = path.open("r+b")
-        length = frames.stop - frames.start
-        lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, frames.start, length, 0)  # struct flock
-        try:
-            fcntl.fcntl(file, fcntl.F_OFD_SETLK, lock)
-        except BlockingIOError:
+        if not take_lock(file.fileno(), frames.start, frames.stop - frames.start):
             file.close()
             raise PecsOutputError(
                 f"{self.folder}: another process renders these frames; use another folder, or other frames (--only)"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
+            )
         return file
 
     def __enter__(self) -> Output:

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "guard.h"
+#include "pecs/page/page.h"
 
 namespace {
 
@@ -60,5 +61,12 @@ extern "C" char* pecs_delays(const pecs_event* events, int64_t count, const char
       throw pecs::bad_input("events", "t", "a time that goes back", "events in time order");
     const auto measured = pecs::metrics::measure_delays(all, width, height, end_us, disk);
     return pecs::capi::hand_over(pecs::metrics::to_json(measured));
+  });
+}
+
+extern "C" char* pecs_page(const char* page_json, pecs_error* error) {
+  return pecs::capi::guard(error, [&] {
+    const std::string text = &pecs::capi::given(page_json, "page");
+    return pecs::capi::hand_over(pecs::page::page_of(pecs::parse_json(text, "page")));
   });
 }

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .light import Light
     from .metrics import compare, delays
     from .motion import CarriedLight, Carrier, carry, carry_labels, event_labels
-    from .representations import event_histogram, time_surface, voxel_grid
+    from .representations import event_histogram, event_picture, time_surface, voxel_grid
     from .sensor import Sensor, simulate
     from .spectra import glass, spectrum
     from .stack import StackReader, StackWriter
@@ -35,7 +35,7 @@ _MODULES = {
     "light": "Light",
     "metrics": "compare delays",
     "motion": "CarriedLight Carrier carry carry_labels event_labels",
-    "representations": "event_histogram time_surface voxel_grid",
+    "representations": "event_histogram event_picture time_surface voxel_grid",
     "sensor": "Sensor simulate",
     "spectra": "glass spectrum",
     "stack": "StackReader StackWriter",
@@ -68,6 +68,7 @@ __all__ = [
     "event_formats",
     "event_histogram",
     "event_labels",
+    "event_picture",
     "glass",
     "models",
     "presets",

@@ -1,8 +1,8 @@
 """Files: inputs of a bounded size, and outputs by the rules of docs/reference/exit_codes.md (common/src/files.cpp keeps
 them for the program).
 
-Every file and folder that a Python command writes comes from here: `whole` and `write_*` for files, `PartialFile` for
-a file that another library writes, `whole_folder` for a folder, `check_outputs` before a command begins.
+Every file and folder that a Python command writes comes from here: `whole` and `write_*` for files, `whole_folder` for
+a folder, `check_outputs` before a command begins. The program writes videos.
 """
 
 from __future__ import annotations
@@ -18,17 +18,12 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 from ._errors import PecsError, PecsNotFoundError, PecsOutputError, UsageError, bad_input
 
-if TYPE_CHECKING:
-    from typing_extensions import Self
-
 FRAME_ENDINGS = (".json", ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
 MARK = ".pecs_partial"  # in a folder that is being written: it is ours, and its lock is held
-_LOCK = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)  # struct flock
 
 
 # Inputs
@@ -136,6 +131,18 @@ def _file_behind(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
+def take_lock(descriptor: int, first: int = 0, count: int = 0) -> bool:
+    """Locks bytes of an open file (count 0: all), also behind its end; False if another process holds one of them. The
+    lock belongs to the open file: a POSIX record lock would end when this process closes any other descriptor of the
+    file. A file system without locks locks nothing."""
+    lock = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, first, count, 0)  # struct flock
+    try:
+        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, lock)
+    except OSError as e:
+        return e.errno not in (errno.EAGAIN, errno.EACCES)
+    return True
+
+
 def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
     """Opens a file without following a link, and locks it; its content stays. Raises `busy` if another process holds
     the lock, and PecsOutputError about `path`."""
@@ -151,12 +158,8 @@ def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
             opened = os.fstat(fd)
             if not stat.S_ISREG(opened.st_mode):
                 raise _refused(path, f"{name} is not a regular file")
-            try:
-                # A lock of the open file description: another descriptor of this process does not release it.
-                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _LOCK)
-            except OSError as e:
-                if e.errno in (errno.EAGAIN, errno.EACCES):
-                    raise busy or _refused(path, "another process is writing it") from None
+            if not take_lock(fd):
+                raise busy or _refused(path, "another process is writing it")
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.lstat(name), opened):
                     return fd
@@ -164,41 +167,6 @@ def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
             os.close(fd)
             raise
         os.close(fd)  # another process renamed or removed it between open and lock
-
-
-class PartialFile:
-    """The locked and empty `.partial` of an output; a `with` block closes it, and removes what was not committed.
-    keeps_extension: for a library that chooses the format by it: `.STEM.partial.EXT`, with that of `path`."""
-
-    def __init__(self, path: Path, keeps_extension: bool = False):
-        with _writing(path):
-            self.path = _file_behind(path)
-            own = self.path.with_name(f".{self.path.stem}.partial{path.suffix}")
-            self.partial = own if keeps_extension else partial_path(self.path)
-            self.descriptor = _locked(self.partial, path)
-            os.ftruncate(self.descriptor, 0)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, t: TracebackType | None) -> None:
-        self.close()
-
-    def commit(self) -> None:
-        """Gives the output its name."""
-        with _writing(self.path):
-            os.fsync(self.descriptor)
-            self.partial.rename(self.path)
-
-    def close(self) -> None:
-        """Releases it; may be called again."""
-        if self.descriptor < 0:
-            return
-        with suppress(OSError):  # the lock is still held, so the file of this name is ours
-            if os.path.samestat(os.lstat(self.partial), os.fstat(self.descriptor)):
-                self.partial.unlink()
-        os.close(self.descriptor)
-        self.descriptor = -1
 
 
 @contextmanager
@@ -211,10 +179,20 @@ def whole(path: Path) -> Iterator[BinaryIO]:
                 yield file
             return
         path.parent.mkdir(parents=True, exist_ok=True)
-        with PartialFile(path) as output:
-            with os.fdopen(os.dup(output.descriptor), "wb") as file:
+        target = _file_behind(path)
+        partial = partial_path(target)
+        fd = _locked(partial, path)
+        try:
+            os.ftruncate(fd, 0)
+            with os.fdopen(os.dup(fd), "wb") as file:
                 yield file
-            output.commit()
+            os.fsync(fd)
+            partial.rename(target)
+        finally:
+            with suppress(OSError):  # the lock is still held, so a file of this name is ours
+                if os.path.samestat(os.lstat(partial), os.fstat(fd)):
+                    partial.unlink()
+            os.close(fd)
 
 
 def write_whole(path: Path, content: bytes) -> None:

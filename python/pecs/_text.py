@@ -1,12 +1,11 @@
 """Text of foreign files (names, descriptions) where it goes: one function for each target.
 
 Readers refuse control characters in it (`is_plain`). What becomes part of a path is a `is_file_name`; what goes into a
-page or a table is escaped by `html` or `markdown` there.
+table of Markdown is escaped by `markdown` there; the library escapes the text of pages (_pages.py).
 """
 
 from __future__ import annotations
 
-import html as _html
 import re
 import unicodedata
 
@@ -24,11 +23,6 @@ def is_plain(text: str, lines: bool = False) -> bool:
 def is_file_name(text: str) -> bool:
     """A name that adds exactly one step to a path, on every file system."""
     return text not in ("", ".", "..") and "/" not in text and is_plain(text) and len(text.encode()) <= MOST_BYTES
-
-
-def html(value: object) -> str:
-    """Escaped, also within quotes."""
-    return _html.escape(str(value))
 
 
 def markdown(value: object) -> str:

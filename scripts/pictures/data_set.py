@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Draws the middle of each sequence of a data set: a picture of the same pixels, events, depth, optical flow, objects.
 
-scripts/dataset_demo.sh
+pecs dataset examples/recipes/demo.toml -o out/dataset_demo
 scripts/pictures/data_set.py out/dataset_demo docs/start/demo_set.webp
 """
 
@@ -9,13 +9,13 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pecs
 from matplotlib.image import imread
 from pecs.datasets import sequences
 from pecs.datasets.files import read_object
 from pecs.datasets.preview import WINDOW_US
-from pecs.datasets.report_pictures import flow_picture
 from pecs.datasets.sequence import Sequence, frames_of
-from pecs.datasets.writers._pictures import depth_picture, event_picture
+from pecs.datasets.writers._pictures import depth_picture, flow_picture
 from pecs_lab.measure import command
 
 COLUMNS = "picture", f"events of {WINDOW_US / 1000:g} ms: ON blue, OFF orange", "1 / depth", "optical flow", "objects"
@@ -39,7 +39,7 @@ def row(sequence: Sequence) -> tuple[str, list[np.ndarray]]:
     )
     return caption, [
         imread(frame.path),
-        event_picture(events, camera.height, camera.width),
+        pecs.event_picture(events, camera.width, camera.height),
         depth_picture(truth.depth(at)[1]),
         flow_picture(truth.flow(min(at, len(truth) - 2))),
         colours[truth.instances(at)],

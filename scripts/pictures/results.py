@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 import pecs
 from figures import GREY, INK, OFF, ON, ROOT, figure, plt, save
-from pecs.datasets.writers._pictures import event_picture
 from pecs_lab import computed_disk, fitted, over_light
 from pecs_lab.disk_scores import on_grid
 from pecs_lab.measure import command
@@ -127,8 +126,8 @@ def fits(recording: Path) -> None:
         picture = Image.new("RGB", (side * len(streams), side + head_px), "white")
         draw = ImageDraw.Draw(picture)
         for k, (name, of) in enumerate(streams.items()):
-            now = np.repeat(of[(of["t"] >= t_us) & (of["t"] < t_us + window_us)], 3)  # three are full colour
-            shown = event_picture(now, stage.height, stage.width)[y0 : y0 + side, x0 : x0 + side]
+            now = of[(of["t"] >= t_us) & (of["t"] < t_us + window_us)]
+            shown = pecs.event_picture(now, stage.width, stage.height)[y0 : y0 + side, x0 : x0 + side]
             picture.paste(Image.fromarray(cv2.erode(shown, np.ones((2, 2)))), (k * side, head_px))  # larger, to be seen
             draw.text((k * side + side / 2, 32), name, INK, font, anchor="mm")
         for x, colour, word in ((8, ON, "ON"), (58, OFF, "OFF")):

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pecs
 import torch
 from pecs._files import write_json
-from pecs.datasets.report_pictures import flow_picture
 from pecs.datasets.sequence import Sequence
-from pecs.datasets.writers._pictures import event_picture
+from pecs.datasets.writers._pictures import flow_picture
 from pecs_lab import report
 from pecs_lab.comparison import Comparison, mean_scores, table, titled
 from pecs_lab.flow import FlowConfig, Flows, Method, View, Window, disk_speed, real_windows, sharpness, trained
@@ -146,7 +146,10 @@ def draw(study: Comparison, path: Path, names: list[str], seed: int, windows: li
     for window in windows:
         flows = [method_of(study, name, seed)(window).astype(np.float32) for name in names]
         flows = [*(np.where(window.known, flow, np.nan) for flow in flows), window.flow]
-        cells = [event_picture(window.events, *window.shape), *(flow_picture(np.moveaxis(f, 0, -1)) for f in flows)]
+        cells = [
+            pecs.event_picture(window.events, *window.shape[::-1]),
+            *(flow_picture(np.moveaxis(f, 0, -1)) for f in flows),
+        ]
         size = SHOWN_PX, round(SHOWN_PX * window.shape[0] / window.shape[1])
         lines.append(np.hstack([cv2.resize(c, size, interpolation=cv2.INTER_NEAREST)[..., ::-1] for c in cells]))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -7,11 +7,14 @@
 
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/page/page.h"
 #include "pecs/text.h"
 #include "random_events.h"
 
 namespace pecs::view {
 namespace {
+
+using namespace page;
 
 using events::Event;
 
@@ -28,7 +31,7 @@ class Pictures : public testing::Test {
       (std::string("pecs_pictures_") + testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 
-cv::Vec3b bgr(const Rgb& c) { return {c.b, c.g, c.r}; }
+cv::Vec3b bgr(const events::Rgb& c) { return {c.b, c.g, c.r}; }
 
 double contrast(const cv::Vec3b& a, const cv::Vec3b& b) { return cv::norm(cv::Vec3d(a) - cv::Vec3d(b)); }
 
@@ -153,9 +156,22 @@ TEST_F(Pictures, TextHelpers) {
   EXPECT_EQ(base64(bytes(text)), "TWFu");
   EXPECT_EQ(base64(bytes("Ma")), "TWE=");
   EXPECT_EQ(base64(bytes("M")), "TQ==");
-  EXPECT_EQ(html_escaped("<a&\"b\">"), "&lt;a&amp;&quot;b&quot;&gt;");
   EXPECT_EQ(fill_template("a {{x}} b", {{"x", "1"}}), "a 1 b");
   EXPECT_THROW(fill_template("a {{y}} b", {{"x", "1"}}), Error);
+}
+
+TEST_F(Pictures, PageEscapesItsTexts) {
+  const std::string evil = "<a&\"b\">";
+  const Json series = {{"name", evil}, {"style", evil}, {"x", {0, 1, 2}}, {"y", {-1.5, nullptr, 2}}};
+  const Json plot = element("plot", {{"plot", Json::array({series})}, {"x", evil}, {"y", evil}});
+  const Json image = element("img", {{"src", evil}});
+  const std::string page =
+      page_of({{"title", evil}, {"body", Json::array({element("p", {}, evil, 0.25, 3), image, plot})}});
+  EXPECT_EQ(page.find(evil), page.npos);
+  EXPECT_NE(page.find("<p>&lt;a&amp;&quot;b&quot;&gt;0.253</p>\n<img src=\"&lt;a"), page.npos);
+  EXPECT_EQ(page.find("</img>"), page.npos);
+  EXPECT_THROW(page_of({{"title", ""}}), Error);
+  EXPECT_THROW(page_of({{"title", ""}, {"body", Json::array({Json::array()})}}), Error);
 }
 
 }  // namespace

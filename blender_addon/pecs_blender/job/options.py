@@ -160,7 +160,7 @@ class Options:
     )
     moving_px: tuple[int, int, int, int] | None = option(
         None,
-        "the only part of the picture that changes; the rest is rendered once",
+        "the only part of the picture that changes; the rest is rendered once; by default, all changes",
         parse=_box,
         metavar="X0:Y0:X1:Y1",
     )

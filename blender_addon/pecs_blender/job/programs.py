@@ -23,8 +23,12 @@ def pecs() -> str:
         raise PecsNotFoundError(f"pecs: {e}") from None
 
 
-def pass_on(argv: list[str]) -> NoReturn:
-    """Runs a command that is not one of the extension's."""
+def pass_on(argv: list[str]) -> int:
+    """Runs a command that is not one of the extension's; the exit code of one that runs in this Python."""
+    if argv[0] == "reconstruct":
+        from pecs.learning.cli import main
+
+        return main(argv)
     if argv[0] == "dataset":
         become([_python_with("scipy"), "-m", "pecs.datasets", *argv[1:]])
     become([pecs(), *argv])

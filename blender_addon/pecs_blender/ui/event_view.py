@@ -17,8 +17,6 @@ from . import disk, live_view, operators, paths
 from .interface import Action, redraw
 
 IMAGE = "PECS Events"
-# Linear light, as in the live view: ON, OFF, and the image's background.
-ON, OFF, PAPER = (0.093, 0.456, 0.815, 1), (0.871, 0.262, 0.021, 1), (0.007, 0.0086, 0.011, 1)
 
 
 class EventView:
@@ -39,21 +37,23 @@ class EventView:
         bpy.app.handlers.frame_change_post.remove(self.update_image)
         redraw("VIEW_3D")
 
-    def picture(self, scene, paper: tuple = (0, 0, 0, 0)) -> np.ndarray:
-        """Events of the current frame, [height, width, 4], row 0 at the bottom."""
+    def picture(self, scene) -> np.ndarray:
+        """Events of the current frame, [height, width, 4], row 0 at the bottom; transparent where there are none."""
         frame_us = 1e6 * scene.render.fps_base / scene.render.fps
         begin_us = (scene.frame_current_final - scene.frame_start) * frame_us
         first, last = np.searchsorted(self.events["t"], (begin_us, begin_us + frame_us))
-        now = self.events[first:last]
-        rgba = np.empty((self.events.height, self.events.width, 4), np.float32)
-        rgba[:] = paper
-        rgba[self.events.height - 1 - now["y"].astype(int), now["x"]] = np.where(now["p"][:, None] > 0, ON, OFF)
-        return rgba
+        now, size = self.events[first:last], (self.events.width, self.events.height)
+        rgba = np.zeros((*size[::-1], 4), np.float32)
+        rgba[..., :3] = pecs.event_picture(now, *size, theme="dark") / 255
+        rgba[now["y"], now["x"], 3] = 1
+        return rgba[::-1]
 
     def update_image(self, scene, *_) -> None:
         """The image, where it exists."""
         if image := bpy.data.images.get(IMAGE):
-            image.pixels.foreach_set(self.picture(scene, PAPER).ravel())
+            rgba = self.picture(scene)
+            rgba[..., 3] = 1
+            image.pixels.foreach_set(rgba.ravel())
             image.update()
 
     def image(self, scene) -> bpy.types.Image:
@@ -63,7 +63,7 @@ class EventView:
             bpy.data.images.remove(image)
             image = None
         if not image:
-            bpy.data.images.new(IMAGE, *size, float_buffer=True)
+            bpy.data.images.new(IMAGE, *size)
         self.update_image(scene)
         return bpy.data.images[IMAGE]
 
@@ -79,7 +79,7 @@ class EventView:
             self._drawn = at, gpu.types.GPUTexture((rgba.shape[1], rgba.shape[0]), format="RGBA32F", data=buffer)
         gpu.state.blend_set("ALPHA")
         place = _place(context, scene, space, region, self.events)
-        draw_texture_2d(self._drawn[1], *place, is_scene_linear_with_rec709_srgb_target=True)
+        draw_texture_2d(self._drawn[1], *place)
         gpu.state.blend_set("NONE")
 
 

@@ -51,14 +51,7 @@ SHOWN = {
     "min_nm": ("From (nm)", {}),
     "max_nm": ("To (nm)", {}),
     "chip": ("Chip", {"search": library.search(lambda: library.names("chip"))}),
-    "illuminant": (
-        "Lamps",
-        {
-            "search": library.search(library.spectra),
-            "description": "Spectrum of lamps and skies that have only a colour: a name, FILE.csv, blackbody:T or "
-            "daylight:T",
-        },
-    ),
+    "illuminant": ("Lamps", {"search": library.search(library.spectra)}),
     "light_scale": ("Light Scale", {}),
     "samples": (
         "Samples",
@@ -80,22 +73,10 @@ SHOWN = {
     "seed": ("Render Seed", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
-    "fps": ("Rate (Hz)", {"description": "Frames per second of scene time"}),
-    "time": (
-        "Steps",
-        {
-            "default": "adaptive",  # most users want events, not frames
-            "description": "Uniform renders every frame; adaptive renders keyframes and the motion between them",
-        },
-    ),
+    "fps": ("Rate (Hz)", {}),
+    "time": ("Steps", {"default": "adaptive"}),  # most users want events, not frames
     "step_px": ("Motion (px)", {}),
-    "moving_px": (
-        "Region (px)",
-        {
-            "description": "Region X0:Y0:X1:Y1 from the top left that changes; the rest is rendered once. If empty, "
-            "everything changes"
-        },
-    ),
+    "moving_px": ("Region (px)", {}),
 }
 _DESCRIPTIONS = {
     "means": "Means over intervals of the spectrum",

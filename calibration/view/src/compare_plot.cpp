@@ -2,63 +2,69 @@
 
 #include <fmt/format.h>
 
+#include "pecs/page/page.h"
 #include "pecs/view/event_pictures.h"
-#include "svg_plot.h"
 
 namespace pecs::view {
+
+using namespace page;
 
 namespace {
 
 // The ON and OFF rate of one stream, up to its last event. `curve_us`: time that the bins cover.
-void add_rates(std::vector<Series>& series, const metrics::StreamSummary& s, std::int64_t curve_us,
-               const std::string& name, const std::string& style) {
+void add_rates(Json& series, const metrics::StreamSummary& s, std::int64_t curve_us, const std::string& name,
+               const std::string& style) {
   const double end_us = static_cast<double>(s.events) / s.rate_hz * 1e6;
   for (const auto& [hz, polarity, colour] : {std::tuple{&s.on_hz, " ON", "on "}, {&s.off_hz, " OFF", "off "}}) {
-    Series curve{name + polarity, colour + style, {}, *hz};
+    std::vector<double> x, y = *hz;
     const double bin_us = static_cast<double>(curve_us) / static_cast<double>(hz->size());
     for (std::size_t i = 0; i < hz->size() && static_cast<double>(i) * bin_us < end_us; ++i)
-      curve.x.push_back((static_cast<double>(i) + 0.5) * bin_us * 1e-3);
-    curve.y.resize(curve.x.size());
-    series.push_back(curve);
+      x.push_back((static_cast<double>(i) + 0.5) * bin_us * 1e-3);
+    y.resize(x.size());
+    series.push_back({{"name", name + polarity}, {"style", colour + style}, {"x", x}, {"y", y}});
   }
 }
 
-std::string drawn(const std::vector<Series>& rates) {
-  return line_plot(rates, "time from the first event (ms)", "events per second");
+Json plot_of(Json rates) {
+  return element("plot",
+                 {{"plot", std::move(rates)}, {"x", "time from the first event (ms)"}, {"y", "events per second"}});
 }
 
 }  // namespace
 
-std::string rate_plot(const metrics::Comparison& c) {
-  std::vector<Series> rates;
+Json rate_plot(const metrics::Comparison& c) {
+  Json rates = Json::array();
   add_rates(rates, c.real, c.curve_us, "real", "real");
   add_rates(rates, c.sim, c.curve_us, "simulated", "sim");
-  return drawn(rates);
+  return plot_of(rates);
 }
 
-std::string rate_plot(const events::Recording& recording) {
-  std::vector<Series> rates;
+Json rate_plot(const events::Recording& recording) {
+  Json rates = Json::array();
   add_rates(rates, metrics::summary_of(recording), recording.span_us, "events", "real");
-  return drawn(rates);
+  return plot_of(rates);
 }
 
-std::string delay_plot(const metrics::DelayComparison& c) {
-  std::vector<Series> series;
+Json delay_plot(const metrics::DelayComparison& c) {
+  Json series = Json::array();
   for (const auto& [d, name, style] : {std::tuple{&c.real, "real", "real"}, {&c.sim, "simulated", "sim"}})
     for (const std::size_t p : {1, 0}) {
-      Series curve{name + std::string(p ? " ON" : " OFF"), std::string(p ? "on " : "off ") + style, {}, {}};
+      std::vector<double> x, y;
       for (std::size_t i = 0; i < d->histogram[p].size(); ++i) {
-        curve.x.push_back(c.first_deg + (static_cast<double>(i) + 0.5) * c.bin_deg);
-        curve.y.push_back(d->histogram[p][i] / c.bin_deg);
+        x.push_back(c.first_deg + (static_cast<double>(i) + 0.5) * c.bin_deg);
+        y.push_back(d->histogram[p][i] / c.bin_deg);
       }
-      series.push_back(curve);
+      series.push_back({{"name", name + std::string(p ? " ON" : " OFF")},
+                        {"style", (p ? "on " : "off ") + std::string(style)},
+                        {"x", x},
+                        {"y", y}});
     }
-  return line_plot(series, "degrees behind the edge", "events per edge and degree");
+  return element("plot", {{"plot", series}, {"x", "degrees behind the edge"}, {"y", "events per edge and degree"}});
 }
 
 std::string compare_picture(const metrics::Comparison& c) {
-  std::vector<std::string> plots = {rate_plot(c)};
-  if (c.delays) plots.push_back(delay_plot(*c.delays));
+  std::vector<std::string> plots = {plot_svg(rate_plot(c)[1])};
+  if (c.delays) plots.push_back(plot_svg(delay_plot(*c.delays)[1]));
   constexpr int kWidth = 760, kHeight = 300;
   std::string svg = fmt::format(
       "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\"><style>text {{ font: 12px sans-serif; fill: "

@@ -1,34 +1,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <map>
 #include <random>
 
 #include "pack.h"
 #include "pecs/error.h"
 #include "pecs/files.h"
+#include "pecs/page/page.h"
 #include "pecs/strict_json.h"
 #include "pecs/text.h"
 #include "pecs/view/event_pictures.h"
-#include "web.h"
 
 namespace pecs::view {
 
-std::string fill_template(std::string_view text, const std::map<std::string, std::string>& values) {
-  std::string out;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t open = text.find("{{", at);
-    if (open == text.npos) return out.append(text.substr(at));
-    const std::size_t close = text.find("}}", open);
-    out.append(text.substr(at, open - at));
-    const auto value = values.find(std::string(text.substr(open + 2, close - open - 2)));
-    if (close == text.npos || value == values.end())
-      throw Error(ExitCode::internal, fmt::format("template: no value for '{}'", text.substr(open, 40)));
-    out.append(value->second);
-    at = close + 2;
-  }
-  return out;
-}
+using namespace page;
+
+extern const std::string_view kEvents3d;  // web/
 
 std::vector<std::uint8_t> packed_events(const events::Recording& recording, std::size_t limit) {
   if (recording.span_us > UINT32_MAX)
@@ -63,13 +50,10 @@ std::size_t write_page(const events::Recording& recording, const std::filesystem
                      {"first_us", recording.first_us},
                      {"total", recording.events.size()},
                      {"on_fraction", static_cast<double>(on) / static_cast<double>(recording.events.size())}};
-  write_file(path, fill_template(web::kEvents3d, {{"title", html_escaped(recording.name)},
-                                                  {"on_light", kLight.on.hex()},
-                                                  {"off_light", kLight.off.hex()},
-                                                  {"on_dark", kDark.on.hex()},
-                                                  {"off_dark", kDark.off.hex()},
-                                                  {"meta", text_of(meta)},
-                                                  {"events", base64(packed)}}));
+  write_file(path,
+             framed("Events: " + recording.name, fill_template(kEvents3d, {{"title", html_escaped(recording.name)},
+                                                                                {"meta", text_of(meta)},
+                                                                                {"events", base64(packed)}})));
   return packed.size() / 8;
 }
 

@@ -13,7 +13,7 @@ namespace {
 
 using events::Event;
 
-cv::Scalar bgr(const Rgb& c) { return {double(c.b), double(c.g), double(c.r)}; }
+cv::Scalar bgr(const events::Rgb& c) { return {double(c.b), double(c.g), double(c.r)}; }
 
 std::span<const Event> between(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us) {
   return events::between(recording.events, static_cast<double>(from_us), static_cast<double>(to_us));
@@ -55,29 +55,12 @@ cv::Mat panel_of(const events::Recording& recording, std::int64_t from_us, std::
 
 }  // namespace
 
-std::string Rgb::hex() const { return fmt::format("#{:02x}{:02x}{:02x}", r, g, b); }
-
 cv::Mat event_frame(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
                     int binning) {
-  const int width = (recording.width + binning - 1) / binning, height = (recording.height + binning - 1) / binning;
-  cv::Mat_<cv::Vec2w> counts(height, width, cv::Vec2w(0, 0));
-  for (const Event& e : between(recording, from_us, to_us)) {
-    auto& n = counts(e.y / binning, e.x / binning)[e.p];
-    n = static_cast<std::uint16_t>(std::min<int>(n + 1, 65535));
-  }
-
-  const cv::Scalar paper = bgr(theme.paper), colours[2] = {bgr(theme.off), bgr(theme.on)};
-  cv::Mat_<cv::Vec3b> frame(height, width);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      const cv::Vec2w& n = counts(y, x);
-      const double total = n[0] + n[1];
-      const double strength = 1 - std::pow(0.3, total);  // one event: .7, two: .91
-      for (int k = 0; k < 3; ++k) {
-        const double hue = total > 0 ? (n[0] * colours[0][k] + n[1] * colours[1][k]) / total : paper[k];
-        frame(y, x)[k] = cv::saturate_cast<std::uint8_t>(paper[k] + strength * (hue - paper[k]));
-      }
-    }
+  auto cells = events::picture(between(recording, from_us, to_us), recording.width, recording.height, theme, binning);
+  const int width = (recording.width + binning - 1) / binning;
+  cv::Mat frame;
+  cv::cvtColor(cv::Mat(static_cast<int>(cells.size()) / width, width, CV_8UC3, cells.data()), frame, cv::COLOR_RGB2BGR);
   return frame;
 }
 

@@ -12,6 +12,7 @@
 #include "pecs/files.h"
 #include "pecs/input/media.h"
 #include "pecs/metrics/time_shift.h"
+#include "pecs/page/page.h"
 #include "pecs/sensor/chip.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/stack.h"
@@ -20,10 +21,10 @@
 #include "pecs/version.h"
 #include "pecs/view/compare_plot.h"
 #include "pecs/view/event_pictures.h"
-#include "svg_plot.h"
-#include "web.h"
 
 namespace pecs::view {
+
+using namespace page;
 namespace {
 
 constexpr std::size_t kPlayerEvents = 200'000;  // per stream, in the page
@@ -55,12 +56,25 @@ struct Stack {
   std::string sha256;
 };
 
-std::string row(const std::string& name, const std::string& value, const std::string& note = "") {
-  return fmt::format("<tr><td>{}</td><td>{}</td><td class=\"note\">{}</td></tr>", html_escaped(name),
-                     html_escaped(value), html_escaped(note));
+Json row(const std::vector<std::string>& cells, const char* tag = "td") {
+  Json out = Json::array({"tr"});
+  for (const std::string& text : cells) out.push_back(element(tag, {}, text));
+  return out;
 }
-
-std::string missing(const std::string& what) { return fmt::format("<p class=\"missing\">{}</p>", html_escaped(what)); }
+Json missing(const std::string& text) { return element("p", {{"class", "missing"}}, text); }
+Json table(const std::vector<std::string>& head, const Json& rows, const char* kind = "") {
+  Json out = element("table", {{"class", kind}});
+  if (!head.empty()) out.push_back(row(head, "th"));
+  out.insert(out.end(), rows.begin(), rows.end());
+  return out;
+}
+Json figure(const Json& inside, const std::string& caption) {
+  return element("figure", {}, inside, element("figcaption", {}, caption));
+}
+Json picture(const cv::Mat& image, const std::string& caption, const char* kind = "") {
+  const std::string source = "data:image/png;base64," + base64(input::media().png_of(image));
+  return figure(element("img", {{"src", source}, {"class", kind}, {"alt", caption}}), caption);
+}
 
 std::string text_of(const Json& value) {
   if (value.is_string()) return value.get<std::string>();
@@ -83,18 +97,16 @@ std::string text_in(const Json& json, const char* key) {
   return value.is_null() ? "" : text_of(value);
 }
 
-std::string png_source(const cv::Mat& image) { return "data:image/png;base64," + base64(input::media().png_of(image)); }
-
 // Table rows for an object of stack.json, whose values are {"value": …, "unit": …} or plain.
-std::string rows_of(const Json& object) {
-  std::string rows;
-  if (!object.is_object()) return {};
+Json rows_of(const Json& object) {
+  Json rows = Json::array();
+  if (!object.is_object()) return rows;
   for (const auto& [key, value] : object.items()) {
     if (key.starts_with('_')) continue;
     if (value.is_object() && value.contains("value"))
-      rows += row(key, text_of(value["value"]) + " " + text_in(value, "unit"), text_in(value, "about"));
+      rows.push_back(row({key, text_of(value["value"]) + " " + text_in(value, "unit"), text_in(value, "about")}));
     else if (!value.is_object() && !value.is_null())
-      rows += row(key, text_of(value));
+      rows.push_back(row({key, text_of(value)}));
   }
   return rows;
 }
@@ -116,14 +128,11 @@ cv::Mat brightness(const sensor::StackReader& stack, const std::optional<sensor:
   return picture;
 }
 
-std::string scores(const metrics::Comparison& shared, const metrics::Comparison& eq16,
-                   const metrics::Comparison& paper) {
-  std::string html =
-      "<table><tr><th>measure</th><th>real to simulated</th><th>split-half floor</th><th>normalisation</th></tr>";
+void add_scores(Json& page, const metrics::Comparison& shared, const metrics::Comparison& eq16,
+                const metrics::Comparison& paper) {
+  Json rows = Json::array();
   const auto line = [&](const char* name, double value, std::optional<double> floor, const char* note) {
-    html +=
-        fmt::format("<tr><td>{}</td><td class=\"n\">{:.4f}</td><td class=\"n\">{}</td><td class=\"note\">{}</td></tr>",
-                    name, value, floor ? fmt::format("{:.4f}", *floor) : "none", note);
+    rows.push_back(row({name, fmt::format("{:.4f}", value), floor ? fmt::format("{:.4f}", *floor) : "none", note}));
   };
   for (const auto& [c, note] :
        {std::pair{&shared, "shared: sensor size and common window"},
@@ -133,142 +142,143 @@ std::string scores(const metrics::Comparison& shared, const metrics::Comparison&
     line("Gaussian distance", c->distance.gaussian(), c->floor ? std::optional(c->floor->gaussian()) : std::nullopt,
          note);
   }
-  return html +
-         "</table><p>Lower is closer; 0 is identical; the Gaussian distance ends at 2. The <b>floor</b> is the "
-         "distance "
-         "between two random halves of the real recording: the noise floor of two recordings of one "
-         "scene, at half the number of events. No simulation needs to be better than that.</p>";
+  page.push_back(table({"measure", "real to simulated", "split-half floor", "normalisation"}, rows, "noted"));
+  page.push_back(element(
+      "p", {}, "Lower is closer; 0 is identical; the Gaussian distance ends at 2. The ", element("b", {}, "floor"),
+      " is the distance between two random halves of the real recording: the noise floor of two "
+      "recordings of one scene, at half the number of events. No simulation needs to be better than that."));
 }
 
 // Pictures at the same times, and a player of the whole streams.
-std::string event_pictures(const std::vector<const EventFile*>& streams, const std::vector<std::string>& names) {
+void add_event_pictures(Json& page, const std::vector<const EventFile*>& streams,
+                        const std::vector<std::string>& names) {
   std::int64_t span_us = INT64_MAX;
   for (const EventFile* s : streams) span_us = std::min(span_us, s->recording.span_us);
   const std::int64_t window_us = readable_window_us(streams[0]->recording, span_us / 4 + 1);
   const int binning = std::max(1, streams[0]->recording.width / 640);
-  std::string html = fmt::format(
-      "<p>Each picture shows the events of {:.2f} ms. <span class=\"legend\" style=\"background: var(--on)\"></span>ON "
-      "(brighter)<span class=\"legend\" style=\"background: var(--off)\"></span>OFF (darker). Times count from each "
-      "stream's first event.</p><div id=\"player\" data-window=\"{}\" data-span=\"{}\"><div class=\"player\">"
-      "<button>play</button><input type=\"range\" min=\"0\" max=\"1000\" value=\"300\" "
-      "aria-label=\"time\"><output></output>"
-      "</div><div class=\"pair\">",
-      static_cast<double>(window_us) * 1e-3, window_us, span_us);
+  const auto swatch = [](const char* kind) { return element("span", {{"class", kind}}); };
+  page.push_back(element(
+      "p", {}, fmt::format("Each picture shows the events of {:.2f} ms. ", static_cast<double>(window_us) * 1e-3),
+      swatch("legend on"), "ON (brighter)", swatch("legend off"),
+      "OFF (darker). Times count from each stream's first event."));
+  const Json slider =
+      element("input", {{"type", "range"}, {"min", 0}, {"max", 1000}, {"value", 300}, {"aria-label", "time"}});
+  Json canvases = element("div", {{"class", "pair"}});
   for (std::size_t i = 0; i < streams.size(); ++i) {
     const events::Recording& s = streams[i]->recording;
     const std::size_t kept = std::min(s.events.size(), kPlayerEvents);
-    html += fmt::format(
-        "<figure><canvas width=\"{}\" height=\"{}\" data-binning=\"{}\" data-events=\"events{}\"></canvas>"
-        "<figcaption>{}: {}{}</figcaption></figure>",
-        (s.width + binning - 1) / binning, (s.height + binning - 1) / binning, binning, i, names[i],
-        html_escaped(s.name),
-        kept < s.events.size() ? fmt::format(" ({} of {} events, drawn at random)", kept, s.events.size()) : "");
+    const std::string part =
+        kept < s.events.size() ? fmt::format(" ({} of {} events, drawn at random)", kept, s.events.size()) : "";
+    const Json size = {{"width", (s.width + binning - 1) / binning},
+                       {"height", (s.height + binning - 1) / binning},
+                       {"data-binning", binning},
+                       {"data-events", base64(packed_events(s, kPlayerEvents))}};
+    canvases.push_back(figure(element("canvas", size), names[i] + ": " + s.name + part));
   }
-  html += "</div></div>";
-  for (std::size_t i = 0; i < streams.size(); ++i)
-    html += fmt::format("<script type=\"text/plain\" id=\"events{}\">{}</script>", i,
-                        base64(packed_events(streams[i]->recording, kPlayerEvents)));
+  page.push_back(element(
+      "div", {{"id", "player"}, {"data-window", window_us}, {"data-span", span_us}},
+      element("div", {{"class", "player"}}, element("button", {}, "play"), slider, element("output", {})), canvases));
 
   for (const double part : {0.1, 0.5, 0.9}) {
     const auto from = static_cast<std::int64_t>(part * static_cast<double>(span_us - window_us));
-    html += "<div class=\"pair\">";
+    Json pair = element("div", {{"class", "pair"}});
     for (std::size_t i = 0; i < streams.size(); ++i)
-      html +=
-          fmt::format("<figure><img src=\"{}\" alt=\"events\"><figcaption>{}, {:.2f} … {:.2f} ms</figcaption></figure>",
-                      png_source(event_frame(streams[i]->recording, from, from + window_us, kLight, binning)), names[i],
-                      static_cast<double>(from) * 1e-3, static_cast<double>(from + window_us) * 1e-3);
-    html += "</div><br>";
+      pair.push_back(picture(event_frame(streams[i]->recording, from, from + window_us, kLight, binning),
+                             fmt::format("{}, {:.2f} … {:.2f} ms", names[i], static_cast<double>(from) * 1e-3,
+                                         static_cast<double>(from + window_us) * 1e-3)));
+    page.push_back(pair);
   }
-  return html;
 }
 
 // Number and times of the frames, and their rate, or the range of their intervals where these differ.
-std::string frame_rows(const std::vector<std::int64_t>& times_ns, std::int64_t rendered) {
+void add_frame_rows(Json& rows, const std::vector<std::int64_t>& times_ns, std::int64_t rendered) {
   const auto ms = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-6; };
-  std::string rows = row("frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
-                                               ms(times_ns.front()), ms(times_ns.back())));
-  if (times_ns.size() < 2) return rows;
+  rows.push_back(row({"frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
+                                            ms(times_ns.front()), ms(times_ns.back()))}));
+  if (times_ns.size() < 2) return;
   std::vector<std::int64_t> steps_ns(times_ns.size());
   std::adjacent_difference(times_ns.begin(), times_ns.end(), steps_ns.begin());
   const auto [shortest, longest] = std::minmax_element(steps_ns.begin() + 1, steps_ns.end());
-  if (*longest - *shortest > 1)  // more than the rounding of times to 1 ns
-    return rows + row("frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(*shortest), ms(*longest)));
   const double mean_ms = ms(times_ns.back() - times_ns.front()) / static_cast<double>(times_ns.size() - 1);
-  return rows + row("frame rate", fmt::format("{:.6g} Hz", 1e3 / mean_ms));
+  if (*longest - *shortest > 1)  // more than the rounding of times to 1 ns
+    rows.push_back(row({"frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(*shortest), ms(*longest))}));
+  else
+    rows.push_back(row({"frame rate", fmt::format("{:.6g} Hz", 1e3 / mean_ms)}));
 }
 
-std::string rendered(const Stack& stack, const std::optional<sensor::Chip>& chip) {
+void add_render(Json& page, const Stack& stack, const std::optional<sensor::Chip>& chip) {
   const auto& info = stack.reader.info();
-  std::string html;
   if (stack.reader.frames() > 0)
-    html += fmt::format(
-        "<figure><img class=\"preview\" src=\"{}\" alt=\"first frame\"><figcaption>First frame: brightness as "
-        "the sensor's pixels see it{}, display gamma 2.2</figcaption></figure>",
-        png_source(brightness(stack.reader, chip)),
-        chip ? "" : " (constant quantum efficiency: the chip is not known)");
-  html += "<table>" + frame_rows(info.times_ns, stack.reader.frames()) +
-          row("pixels", fmt::format("{} x {}", info.width, info.height));
-  if (info.period_ns) html += row("period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6));
-  if (info.pixel_pitch_m) html += row("pixel pitch", fmt::format("{:.3f} µm", *info.pixel_pitch_m * 1e6));
-  html +=
-      row("quantity", info.quantity == sensor::Quantity::irradiance ? "spectral irradiance on the film (lens camera)"
-                                                                    : "spectral radiance (pinhole)");
-  html += "</table>";
-  const Json scene = member(stack.json, "scene"), render = member(stack.json, "render");
-  const std::string parameters = rows_of(member(scene, "parameters")), name = text_in(scene, "name");
-  html += fmt::format("<h3>Scene: {}</h3>", name.empty() ? "not named" : html_escaped(name));
-  html += parameters.empty() ? missing("stack.json names no scene parameters.") : "<table>" + parameters + "</table>";
-  const std::string settings = rows_of(render);
-  html += "<h3>Render settings</h3>";
-  html += settings.empty() ? missing("stack.json names no render settings.") : "<table>" + settings + "</table>";
-  return html;
+    page.push_back(picture(brightness(stack.reader, chip),
+                           fmt::format("First frame: brightness as the sensor's pixels see it{}, display gamma 2.2",
+                                       chip ? "" : " (constant quantum efficiency: the chip is not known)"),
+                           "preview"));
+  Json rows = Json::array();
+  add_frame_rows(rows, info.times_ns, stack.reader.frames());
+  rows.push_back(row({"pixels", fmt::format("{} x {}", info.width, info.height)}));
+  if (info.period_ns)
+    rows.push_back(row({"period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6)}));
+  if (info.pixel_pitch_m) rows.push_back(row({"pixel pitch", fmt::format("{:.3f} µm", *info.pixel_pitch_m * 1e6)}));
+  rows.push_back(
+      row({"quantity", info.quantity == sensor::Quantity::irradiance ? "spectral irradiance on the film (lens camera)"
+                                                                     : "spectral radiance (pinhole)"}));
+  page.push_back(table({}, rows));
+  const Json scene = member(stack.json, "scene");
+  const std::string name = text_in(scene, "name");
+  for (const auto& [heading, object, what] :
+       {std::tuple{"Scene: " + (name.empty() ? "not named" : name), member(scene, "parameters"), "scene parameters"},
+        {std::string("Render settings"), member(stack.json, "render"), "render settings"}}) {
+    const Json values = rows_of(object);
+    page.push_back(element("h3", {}, heading));
+    page.push_back(values.empty() ? missing(fmt::format("stack.json names no {}.", what)) : table({}, values, "noted"));
+  }
 }
 
-std::string lens_section(const ReportInputs& inputs, const Stack* stack) {
-  std::string html;
+void add_lens(Json& page, const ReportInputs& inputs, const Stack* stack) {
   if (inputs.lens_svg) {
     const std::string svg = read_text(*inputs.lens_svg, 8U << 20);
-    html += fmt::format(
-        "<figure><img class=\"smooth lens\" alt=\"lens with its rays\" src=\"data:image/svg+xml;base64,{}\">"
-        "</figure>",
-        base64({reinterpret_cast<const std::uint8_t*>(svg.data()), svg.size()}));
+    const std::span bytes(reinterpret_cast<const std::uint8_t*>(svg.data()), svg.size());
+    const Json image =
+        element("img", {{"src", "data:image/svg+xml;base64," + base64(bytes)}, {"class", "smooth lens"}});
+    page.push_back(element("figure", {}, image));
   } else {
-    html += missing("No drawing was given (--lens-svg, made by `pecs lens draw`).");
+    page.push_back(missing("No drawing was given (--lens-svg, made by `pecs lens draw`)."));
   }
-  if (!stack) return html + missing("No stack was given, so the lens it was rendered through is unknown.");
-  const Json lens = member(stack->json, "lens");
-  if (!lens.is_object()) return html + missing("The stack was rendered through a pinhole.");
-  return html + "<table>" + rows_of(lens) + "</table>";
+  const Json lens = stack ? member(stack->json, "lens") : Json();
+  page.push_back(lens.is_object() ? table({}, rows_of(lens), "noted")
+                 : stack          ? missing("The stack was rendered through a pinhole.")
+                                  : missing("No stack was given, so the lens it was rendered through is unknown."));
 }
 
-std::string bands_section(const Stack* stack, const std::optional<sensor::Chip>& chip) {
-  std::string html;
-  std::vector<Series> series;
+void add_bands(Json& page, const Stack* stack, const std::optional<sensor::Chip>& chip) {
+  Json series = Json::array(), rows = Json::array();
   if (chip)
-    series.push_back(
-        {"relative quantum efficiency, " + chip->name, "on", chip->relative_qe.lambda_nm, chip->relative_qe.value});
+    series.push_back({{"name", "relative quantum efficiency, " + chip->name},
+                      {"style", "on"},
+                      {"x", chip->relative_qe.lambda_nm},
+                      {"y", chip->relative_qe.value}});
   if (stack) {
-    Series bands{"bands: weight / largest weight", "stem", {}, {}, true};
-    double largest = 0;
-    for (const auto& b : stack->reader.info().bands) largest = std::max(largest, b.weight_nm);
-    for (const auto& b : stack->reader.info().bands)
-      bands.x.push_back(b.lambda_nm), bands.y.push_back(b.weight_nm / largest);
-    series.push_back(bands);
+    const auto& bands = stack->reader.info().bands;
+    std::vector<double> x, y;
+    for (const auto& b : bands) {
+      x.push_back(b.lambda_nm), y.push_back(b.weight_nm);
+      rows.push_back(row({fmt::format("{:.2f}", b.lambda_nm), fmt::format("{:.2f}", b.weight_nm)}));
+    }
+    const double largest = *std::ranges::max_element(y);
+    for (double& weight : y) weight /= largest;
+    series.push_back(
+        {{"name", "bands: weight / largest weight"}, {"style", "stem"}, {"x", x}, {"y", y}, {"stems", true}});
   }
-  if (!series.empty()) html += line_plot(series, "wavelength (nm)", "relative");
+  if (!series.empty()) page.push_back(element("plot", {{"plot", series}, {"x", "wavelength (nm)"}, {"y", "relative"}}));
   if (!chip)
-    html +=
-        missing("The chip is not known: the simulation has no run record, and stack.json names no installed profile.");
-  if (!stack) return html + missing("No stack was given, so its bands are unknown.");
-  html += "<table><tr><th>band (nm)</th><th>quadrature weight (nm)</th></tr>";
-  for (const auto& b : stack->reader.info().bands)
-    html += fmt::format("<tr><td class=\"n\">{:.2f}</td><td class=\"n\">{:.2f}</td></tr>", b.lambda_nm, b.weight_nm);
-  return html + "</table>";
+    page.push_back(
+        missing("The chip is not known: the simulation has no run record, and stack.json names no installed profile."));
+  page.push_back(stack ? table({"band (nm)", "quadrature weight (nm)"}, rows)
+                       : missing("No stack was given, so its bands are unknown."));
 }
 
-std::string details(const std::string& name, const Json& json) {
-  return fmt::format("<details><summary>{}</summary><pre>{}</pre></details>", html_escaped(name),
-                     html_escaped(pecs::text_of(json, 2)));
+Json details(const std::string& name, const Json& json) {
+  return element("details", {}, element("summary", {}, name), element("pre", {}, pecs::text_of(json, 2)));
 }
 
 // Name and quantum efficiency of the chip that the run record lists, or else the profile that stack.json names.
@@ -317,10 +327,11 @@ Inputs read(const ReportInputs& inputs) {
   return m;
 }
 
-std::string cards_of(const metrics::Comparison& c) {
-  std::string cards;
+Json cards_of(const metrics::Comparison& c) {
+  Json cards = element("div", {{"class", "cards"}});
   const auto card = [&](const std::string& value, const std::string& name, const std::string& note) {
-    cards += fmt::format("<div class=\"card\"><span>{}</span><b>{}</b><span>{}</span></div>", name, value, note);
+    cards.push_back(element("div", {{"class", "card"}}, element("span", {}, name), element("b", {}, value),
+                            element("span", {}, note)));
   };
   const auto floor = [&](double (metrics::Distances::*of)() const) {
     return c.floor ? fmt::format("floor {:.3f} (0 is identical)", ((*c.floor).*of)()) : "";
@@ -330,23 +341,24 @@ std::string cards_of(const metrics::Comparison& c) {
   card(fmt::format("{:.3f}", static_cast<double>(c.sim.events) / static_cast<double>(c.real.events)),
        "events, simulated / real", fmt::format("{} / {}", c.sim.events, c.real.events));
   card(fmt::format("{:.3f} / {:.3f}", c.sim.on_fraction, c.real.on_fraction), "ON fraction", "simulated / real");
-  return "<div class=\"cards\">" + cards + "</div>";
+  return cards;
 }
 
 std::string shift_sentence(const metrics::TimeShift& shift) {
   const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, without shift {:.3f}",
                                      shift.correlation, shift.correlation_unshifted);
-  if (shift.correlation < kLeastCorrelation) return fmt::format("<p>No time shift aligns the two ({}).</p>", at);
+  if (shift.correlation < kLeastCorrelation) return fmt::format("No time shift aligns the two ({}).", at);
   return fmt::format(
-      "<p>The two agree best when the simulation is shifted by {:+.2f} ms ({}). Pictures and scores show it without "
-      "that shift.</p>",
+      "The two agree best when the simulation is shifted by {:+.2f} ms ({}). Pictures and scores show it without that "
+      "shift.",
       -shift.shift_us * 1e-3, at);
 }
 
 // Scores of the simulation against the recording; empty without both.
 struct Scored {
   std::optional<metrics::Comparison> shared;
-  std::string table, cards, shift;
+  Json table = Json::array();
+  std::string shift;
 };
 
 Scored score(Inputs& m, metrics::CompareOptions options, Json& summary) {
@@ -358,8 +370,7 @@ Scored score(Inputs& m, metrics::CompareOptions options, Json& summary) {
                             m.sim->path.string(), options);
   };
   out.shared = compared(metrics::Normalisation::shared);
-  out.table = scores(*out.shared, compared(metrics::Normalisation::eq16), compared(metrics::Normalisation::paper));
-  out.cards = cards_of(*out.shared);
+  add_scores(out.table, *out.shared, compared(metrics::Normalisation::eq16), compared(metrics::Normalisation::paper));
   summary["compare"] = to_json(*out.shared);
   m.warnings.insert(m.warnings.end(), out.shared->warnings.begin(), out.shared->warnings.end());
   const auto range_us = std::min(m.real->recording.span_us, m.sim->recording.span_us) / 2;
@@ -372,10 +383,10 @@ Scored score(Inputs& m, metrics::CompareOptions options, Json& summary) {
   return out;
 }
 
-std::string counts(const metrics::Comparison& c) {
-  std::string html = "<table><tr><th></th><th>real</th><th>simulated</th></tr>";
+Json counts(const metrics::Comparison& c) {
+  Json rows = Json::array();
   const auto line = [&](const std::string& name, const std::string& a, const std::string& b) {
-    html += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>", name, a, b);
+    rows.push_back(row({name, a, b}));
   };
   const auto on = [](const metrics::StreamSummary& s) {
     return std::llround(s.on_fraction * static_cast<double>(s.events));
@@ -384,51 +395,65 @@ std::string counts(const metrics::Comparison& c) {
   line("OFF events", fmt::format("{}", static_cast<long long>(c.real.events) - on(c.real)),
        fmt::format("{}", static_cast<long long>(c.sim.events) - on(c.sim)));
   line("events per second", fmt::format("{:.4g}", c.real.rate_hz), fmt::format("{:.4g}", c.sim.rate_hz));
-  return html + "</table>";
+  return table({"", "real", "simulated"}, rows);
 }
 
-std::string configuration(const Inputs& m) {
-  std::string html;
+void add_configuration(Json& page, const Inputs& m) {
+  const auto record = [](const EventFile& file) { return file.path.filename().string() + ".run.json"; };
   if (m.sim)
-    html += m.sim->run.is_object() ? details("Simulation: " + m.sim->path.filename().string() + ".run.json", m.sim->run)
-                                   : missing("The simulation has no run record beside it.");
-  if (m.real && m.real->run.is_object())
-    html += details("Recording: " + m.real->path.filename().string() + ".run.json", m.real->run);
+    page.push_back(m.sim->run.is_object() ? details("Simulation: " + record(*m.sim), m.sim->run)
+                                          : missing("The simulation has no run record beside it."));
+  if (m.real && m.real->run.is_object()) page.push_back(details("Recording: " + record(*m.real), m.real->run));
   if (m.stack) {
     Json shortened = m.stack->json;
     shortened["times_ns"] = fmt::format("{} times", m.stack->reader.info().times_ns.size());
-    html += details("Render: stack.json", shortened);
+    page.push_back(details("Render: stack.json", shortened));
   }
-  return html;
 }
 
-std::string body_of(const Inputs& m, const Scored& scored, const ReportInputs& inputs) {
-  const char* heading = m.real && m.sim ? "Simulated and recorded events"
-                        : m.sim         ? "Simulated events"
-                        : m.real        ? "A recording"
-                                        : "A render";
-  std::string body = fmt::format("<h1>{}</h1><p class=\"soft\">PECS {}</p>", heading, kVersion) + scored.cards;
-  for (const auto& w : m.warnings) body += "<p><b>Note:</b> " + html_escaped(w) + "</p>";
+Json body_of(const Inputs& m, const Scored& scored, const ReportInputs& inputs) {
+  const char* title = m.real && m.sim ? "Simulated and recorded events"
+                      : m.sim         ? "Simulated events"
+                      : m.real        ? "A recording"
+                                      : "A render";
+  Json page = Json::array();
+  const auto heading = [&](const char* text) { page.push_back(element("h2", {}, text)); };
+  page.push_back(element("h1", {}, title));
+  page.push_back(element("p", {{"class", "soft"}}, fmt::format("PECS {}", kVersion)));
+  if (scored.shared) page.push_back(cards_of(*scored.shared));
+  for (const auto& w : m.warnings) page.push_back(element("p", {}, element("b", {}, "Note: "), w));
   std::vector<const EventFile*> streams;
   std::vector<std::string> names;
   if (m.real) streams.push_back(&*m.real), names.push_back("real");
   if (m.sim) streams.push_back(&*m.sim), names.push_back("simulated");
   if (!streams.empty()) {
-    body += "<h2>Events at the same times</h2>" + event_pictures(streams, names) + scored.shift;
-    if (!m.real) body += missing("No real recording was given (--real).");
-    if (!m.sim) body += missing("No simulated events were given (--sim).");
+    heading("Events at the same times");
+    add_event_pictures(page, streams, names);
+    if (!scored.shift.empty()) page.push_back(element("p", {}, scored.shift));
+    if (!m.real) page.push_back(missing("No real recording was given (--real)."));
+    if (!m.sim) page.push_back(missing("No simulated events were given (--sim)."));
   }
-  body += "<h2>Scores</h2>";
-  body += scored.shared ? scored.table : missing("Needs a real recording (--real) and simulated events (--sim).");
-  if (!streams.empty())
-    body += "<h2>Event rate over time</h2>" +
-            (scored.shared ? rate_plot(*scored.shared) : rate_plot(streams[0]->recording));
-  if (scored.shared) body += counts(*scored.shared);
+  heading("Scores");
+  page.insert(page.end(), scored.table.begin(), scored.table.end());
+  if (!scored.shared) page.push_back(missing("Needs a real recording (--real) and simulated events (--sim)."));
+  if (!streams.empty()) {
+    heading("Event rate over time");
+    page.push_back(scored.shared ? rate_plot(*scored.shared) : rate_plot(streams[0]->recording));
+  }
+  if (scored.shared) page.push_back(counts(*scored.shared));
   const Stack* stack = m.stack ? &*m.stack : nullptr;
-  body += "<h2>The render</h2>" + (stack ? rendered(*stack, m.chip) : missing("No stack was given (--stack)."));
-  body += "<h2>The lens</h2>" + lens_section(inputs, stack);
-  body += "<h2>Quantum efficiency and bands</h2>" + bands_section(stack, m.chip);
-  return body + "<h2>Configuration and versions</h2>" + configuration(m);
+  heading("The render");
+  if (stack)
+    add_render(page, *stack, m.chip);
+  else
+    page.push_back(missing("No stack was given (--stack)."));
+  heading("The lens");
+  add_lens(page, inputs, stack);
+  heading("Quantum efficiency and bands");
+  add_bands(page, stack, m.chip);
+  heading("Configuration and versions");
+  add_configuration(page, m);
+  return page;
 }
 
 }  // namespace
@@ -440,14 +465,8 @@ Json write_report_page(const ReportInputs& inputs, const std::filesystem::path& 
   Json summary = Json::object();
   const Scored scored = score(m, inputs.compare, summary);
   const EventFile* title = m.sim ? &*m.sim : m.real ? &*m.real : nullptr;
-  write_file(output,
-             fill_template(web::kReport,
-                           {{"title", html_escaped(title ? title->recording.name : inputs.stack->filename().string())},
-                            {"on_light", kLight.on.hex()},
-                            {"off_light", kLight.off.hex()},
-                            {"on_dark", kDark.on.hex()},
-                            {"off_dark", kDark.off.hex()},
-                            {"body", body_of(m, scored, inputs)}}));
+  const std::string name = title ? title->recording.name : inputs.stack->filename().string();
+  write_file(output, page_of({{"title", "PECS report: " + name}, {"body", body_of(m, scored, inputs)}}));
   summary["output"] = output.string();
   summary["warnings"] = m.warnings;
   return summary;

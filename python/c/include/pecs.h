@@ -184,6 +184,10 @@ PECS_API int pecs_time_surface(const pecs_event* events, int64_t count, int widt
 PECS_API int pecs_event_histogram(const pecs_event* events, int64_t count, int width, int height, int bins,
                                   double begin_us, double end_us, float* out, int64_t capacity, pecs_error* error);
 
+/* The picture that `pecs view` draws: out[height][width][3], 8 bits of R, G, B. theme: "light" or "dark". */
+PECS_API int pecs_event_picture(const pecs_event* events, int64_t count, int width, int height, const char* theme,
+                                uint8_t* out, int64_t capacity, pecs_error* error);
+
 /* ---- chips and pixel models (sensor) --------------------------------------------------------------------------- */
 
 /* [{"name": "esim", "source": the paper or page, "takes_light": false (grey values then, 1 is white),
@@ -320,6 +324,9 @@ PECS_API char* pecs_compare(const pecs_event* real, int64_t real_count, const pe
  * {"width": pixels, "height": pixels, "duration_us": the events lie in [0, this), "disk": what `pecs align detect
  * --json` prints}. result: as "delays" of pecs_compare, for one stream, and by regions of the disk. */
 PECS_API char* pecs_delays(const pecs_event* events, int64_t count, const char* options_json, pecs_error* error);
+
+/* A report as one HTML file, of blocks (calibration/page/include/pecs/page/page.h). */
+PECS_API char* pecs_page(const char* page_json, pecs_error* error);
 
 #ifdef __cplusplus
 }

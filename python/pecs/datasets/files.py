@@ -82,15 +82,6 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
     return out.getvalue()
 
 
-def png_bytes(picture: NDArray[Any], level: int | None = None) -> bytes:
-    """uint8 or uint16, [H, W] or [H, W, 3] RGB. level: of compression, OpenCV's default if None."""
-    cv2 = optional_module("cv2", "opencv-python-headless", "writing pictures")
-    options = [] if level is None else [cv2.IMWRITE_PNG_COMPRESSION, level]
-    ok, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture, options)
-    assert ok
-    return bytes(data)
-
-
 def read_picture(path: Path) -> NDArray[np.uint8]:
     """[H, W, 3] RGB, 8 bit."""
     cv2 = optional_module("cv2", "opencv-python-headless", "reading pictures")

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from .._files import write_text, write_whole
+from .._pages import png_bytes
 from ..chip import Chip
 from ..events import read
 from ..light import Light
 from ..motion import event_labels
 from . import rgb, rig
-from .files import npy_bytes, png_bytes
+from .files import npy_bytes
 from .recipe import CameraEntry
 from .work import Work
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from ..chip import Chip
 from ..light import Light
-from .report_pictures import flow_picture
+from ..representations import event_picture
 from .sequence import Camera, Sequence
-from .writers._pictures import depth_picture, event_picture, smaller
+from .writers._pictures import depth_picture, flow_picture, smaller
 
 ROWS, WIDTH = 12, 240  # pixels of one picture
 WINDOW_US = 10_000  # of the events of a picture
@@ -26,7 +26,7 @@ def strip(sequence: Sequence) -> dict[str, NDArray[np.uint8]]:
         windows = [file.between(t - WINDOW_US / 2, t + WINDOW_US / 2) for t in times]
     columns = {
         "light": _light(camera, times),
-        "events": [event_picture(found, camera.height, camera.width) for found in windows],
+        "events": [event_picture(found, camera.width, camera.height) for found in windows],
         "1 / depth": _depth(camera, times),
         "flow": _flow(camera, times),
     }

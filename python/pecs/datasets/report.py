@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -12,26 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import optional_module
-from .._files import write_json, write_text, write_whole
-from .._text import html
+from .._files import write_json, write_whole
+from .._pages import Node, figure, image, plot, png_bytes, row, table, write_page
+from ..representations import event_picture
 from . import preview
 from .checks import check, recorded_rates
-from .files import png_bytes, read_picture
+from .files import read_picture
 from .manifest import sealed
-from .report_pictures import flow_picture
 from .sequence import Camera, Sequence
-from .writers._pictures import depth_picture, event_picture
+from .writers._pictures import depth_picture, flow_picture
 
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1180px; padding: 0 1em; color: #222; }
-table { border-collapse: collapse; margin: 0.5em 0 1.5em; } td, th { padding: 0.25em 0.8em; text-align: left;
-border-bottom: 1px solid #ddd; }
-figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: 13px; color: #555; }
-img { image-rendering: pixelated; background: #eee; } .card { display: inline-block; margin: 0 1em 1.2em 0;
-vertical-align: top; width: 960px; } svg { background: #fafafa; }
-.moving { background-size: 100% auto; animation: play 6s steps(12) infinite; }
-@keyframes play { to { background-position-y: var(--end); } }
-"""
 SHOWN = 640  # pixels wide at most
 
 
@@ -39,99 +27,90 @@ def write(sequence: Sequence) -> dict[str, Any]:
     """report.html and checks.json of a sequence; the checks' numbers."""
     checks = check(sequence)
     write_json(sequence.folder / "checks.json", checks)
-    parts = [f"<h1>Sequence {html(sequence.name)}</h1>", _facts(sequence)]
-    parts += [f"<p><b>Outside the limits:</b> {html(line)}</p>" for line in checks["outside_limits"]]
+    body: list[Node] = [["h1", f"Sequence {sequence.name}"], _facts(sequence)]
+    body += [["p", ["b", "Outside the limits: "], line] for line in checks["outside_limits"]]
     columns = preview.strip(sequence)
     if columns:
         strip = np.concatenate(list(columns.values()), 1)
         write_whole(sequence.folder / "preview.png", png_bytes(strip, 9))
-        parts += [_moving("preview.png", strip.shape), f"<p>{', '.join(columns).capitalize()}</p>"]
+        body += [_film("preview.png", strip.shape), ["p", ", ".join(columns).capitalize()]]
     for camera in sequence.cameras.values():
-        parts.append(f"<h2>{html(camera.name)}: {camera.kind}, {camera.width} x {camera.height}</h2>")
-        parts += [_figure(picture, caption) for caption, picture in _pictures(sequence, camera)]
-        parts.append(_numbers(checks["cameras"][camera.name]))
-        rate = checks["cameras"][camera.name].get("events", {}).get("rate_over_time_hz")
+        found = checks["cameras"][camera.name]
+        body.append(["h2", f"{camera.name}: {camera.kind}, {camera.width} x {camera.height}"])
+        pictures = _pictures(sequence, camera)
+        body.append(row(figure(image(p, min(SHOWN, max(346, p.shape[1]))), caption) for caption, p in pictures))
+        body.append(_numbers(found))
+        rate = found.get("events", {}).get("rate_over_time_hz")
         if rate:
-            recorded = {
-                k: v["rate_per_pixel_hz"] * camera.width * camera.height for k, v in checks["recorded_sets"].items()
-            }
-            others = ", ".join(f"{name} ({hz / 1e6:.3g} million)" for name, hz in recorded.items())
-            parts.append(
-                "<p>Events per second over the sequence (red), and at the mean rates per pixel of recorded sets: "
-                f"{html(others)}, green and blue</p>{_curve([rate, *([hz] * len(rate) for hz in recorded.values())])}"
-            )
+            pixels = camera.width * camera.height
+            recorded = {k: v["rate_per_pixel_hz"] * pixels for k, v in checks["recorded_sets"].items()}
+            names = {f"{name} ({hz / 1e6:.3g} million)": [hz] * len(rate) for name, hz in recorded.items()}
+            time_s = np.linspace(0, sequence.duration_us / 1e6, len(rate))
+            drawn = plot(time_s, {"sequence": rate, **names}, ("time (s)", "events per second"), small=False)
+            body.append(figure(drawn, "Events over the sequence, and at the mean rates per pixel of recorded sets"))
     if checks["stereo"]:
-        parts += ["<h2>Stereo: depth of both cameras</h2>", _numbers(checks["stereo"])]
+        body += [["h2", "Stereo: depth of both cameras"], _numbers(checks["stereo"])]
     samples = sequence.imu()
     if samples is not None:
-        parts += ["<h2>IMU</h2>", "<p>Angular rate [rad/s], specific force [m/s²]: x red, y green, z blue</p>"]
-        parts += [_curve(samples[name].T.tolist()) for name in ("gyro", "accel")]
-        parts.append(_numbers({"against the poses": checks["imu"]}))
-    _page(sequence.folder / "report.html", f"Sequence {sequence.name}", parts)
+        units = {"gyro": "angular rate (rad/s)", "accel": "specific force (m/s²)"}
+        shown = samples[:: max(1, len(samples) // 900)]
+        lines = {key: dict(zip("xyz", shown[key].T, strict=True)) for key in units}
+        plots = (plot(shown["t_us"] / 1e6, lines[key], ("time (s)", unit)) for key, unit in units.items())
+        body += [["h2", "IMU"], row(plots), _numbers({"against the poses": checks["imu"]})]
+    write_page(sequence.folder / "report.html", f"Sequence {sequence.name}", body)
     return checks
 
 
 def write_index(folder: Path, manifest: dict[str, Any]) -> None:
     """SET/index.html: thumbnails with filters by split and scene, and what the set is made of."""
     cards = []
-    for row in manifest["sequences"]:
-        sequence = Sequence(folder / "sequences" / row["name"])
+    for entry in manifest["sequences"]:
+        sequence = Sequence(folder / "sequences" / entry["name"])
         checks = sealed(sequence.folder, "checks.json")
         rates = [c["events"]["rate_hz"] for c in checks["cameras"].values() if "events" in c]
         seen = [c.truth for c in sequence.cameras.values() if c.has_truth and "objects" in c.truth.layers]
         objects = [o for truth in seen for o in truth.objects]
         classes = sorted({o["class"] for o in objects if o["class"]})
-        cards.append(
-            f'<div class="card" data-split="{html(row["split"])}" data-scene="{html(row["scene"])}">'
-            f'<a href="{html(quote("sequences/" + row["name"]))}/report.html">{_card_picture(sequence)}</a>'
-            f"<br><b>{html(row['name'])}</b> {html(row['split'])}, {html(row['scene'])}, "
-            f"{sequence.duration_us / 1e6:g} s, {sum(rates) / 1e6:.2f} Mevents/s"
-            f"<br>{_quality(checks)}<br>{html(', '.join(classes))}</div>"
-        )
-    picks = "".join(
-        f'<label>{what} <select data-what="{what}"><option value="">all</option>'
-        + "".join(f"<option>{html(v)}</option>" for v in sorted({row[what] for row in manifest["sequences"]}))
-        + "</select></label> "
-        for what in ("split", "scene")
-    )
-    script = (
-        "<script>const picks=[...document.querySelectorAll('select')];picks.forEach(p=>p.onchange=()=>"
-        "document.querySelectorAll('.card').forEach(c=>c.style.display=picks.every(q=>!q.value||"
-        "c.dataset[q.dataset.what]===q.value)?'':'none'));</script>"
-    )
-    recorded = "; ".join(
-        f"<a href='{html(one['source'])}'>{html(name)}</a> {one['rate_per_pixel_hz']:.3g} ({html(one['what'])})"
+        link = ["a", {"href": quote("sequences/" + entry["name"]) + "/report.html"}, entry["name"]]
+        seconds, rate = sequence.duration_us / 1e6, sum(rates) / 1e6
+        facts = f" {entry['split']}, {entry['scene']}, {seconds:g} s, {rate:.2f} Mevents/s"
+        lines = (part for line in [*_quality(checks), ", ".join(classes)] for part in (["br"], line))
+        item = {"class": "item"} | {f"data-{key}": entry[key] for key in ("split", "scene")}
+        cards.append(["div", item, _card_picture(sequence), ["p", ["b", link], facts, *lines]])
+    recorded = [
+        (["td", ["a", {"href": one["source"]}, name]], one["rate_per_pixel_hz"], one["what"])
         for name, one in recorded_rates().items()
-    )
-    about = "".join(f"<li>{html(k)}: {html(v)}</li>" for k, v in manifest["about"].items())
-    parts = [
-        f"<h1>{html(manifest['name'])}</h1>",
-        f"<p>{len(cards)} sequences. <a href='dataset.json'>dataset.json</a> has the check sums, "
-        "<a href='croissant.json'>croissant.json</a> the description for machines.</p>",
-        f"<ul>{about}</ul>",
-        f"<p>Recorded sets, events/s per pixel: {recorded}</p><p>{picks}</p>",
-        *cards,
-        script,
-        f"<h2>Recipe</h2><pre>{html(manifest['recipe'])}</pre>",
     ]
-    _page(folder / "index.html", manifest["name"], parts)
+    listed = {"dataset.json": "check sums", "croissant.json": "description for machines"}
+    links = ([f", {what}: ", ["a", {"href": name}, name]] for name, what in listed.items())
+    body = [
+        ["h1", manifest["name"]],
+        ["p", f"{len(cards)} sequences", *(part for link in links for part in link)],
+        table(manifest["about"].items()),
+        table(recorded, ("recorded set", "events/s per pixel", "")),
+        ["p", {"id": "filter"}],
+        *cards,
+        ["h2", "Recipe"],
+        ["pre", manifest["recipe"]],
+    ]
+    write_page(folder / "index.html", manifest["name"], body)
 
 
-def _card_picture(sequence: Sequence) -> str:
+def _card_picture(sequence: Sequence) -> Node:
     """Its moving pictures; without an event camera, a picture."""
     path = sequence.folder / "preview.png"
     if not path.exists():
-        return _img(_events_picture(sequence, next(iter(sequence.cameras.values()))), 346)
-    return _moving(quote(f"sequences/{sequence.folder.name}/preview.png"), read_picture(path).shape)
+        return image(_events_picture(sequence, next(iter(sequence.cameras.values()))), 346)
+    return _film(quote(f"sequences/{sequence.folder.name}/preview.png"), read_picture(path).shape)
 
 
-def _moving(path: str, shape: tuple[int, ...]) -> str:
+def _film(path: str, shape: tuple[int, ...]) -> Node:
     """The rows of a preview.png one after the other, half a second each."""
     size = f"width:{shape[1]}px;height:{shape[0] // preview.ROWS}px"
-    return f'<div class="moving" style="{size};background-image:url({html(path)});--end:-{shape[0]}px"></div>'
+    return ["div", {"class": "film", "style": f"{size};background-image:url({path});--end:-{shape[0]}px"}]
 
 
-def _quality(checks: dict[str, Any]) -> str:
+def _quality(checks: dict[str, Any]) -> list[str]:
     """Rate, shares of noise and of dropped events of each camera, speed, and what is outside the limits."""
     words = []
     for name, camera in checks["cameras"].items():
@@ -145,15 +124,10 @@ def _quality(checks: dict[str, Any]) -> str:
         words += [f"{name}: {', '.join(shares)}"] if shares else []
     words.append(f"speed up to {checks['motion']['speed_most_m_s']:.2f} m/s")
     words += [f"outside the limits: {line}" for line in checks["outside_limits"]]
-    return "<br>".join(html(word.replace("_", " ")) for word in words)
+    return [word.replace("_", " ") for word in words]
 
 
-def _page(path: Path, title: str, parts: list[str]) -> None:
-    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{html(title)}</title><style>{STYLE}</style>"
-    write_text(path, head + "\n".join(parts) + "</html>\n")
-
-
-def _facts(sequence: Sequence) -> str:
+def _facts(sequence: Sequence) -> Node:
     drawn = sequence.info["drawn"]
     flat = {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}
     flat |= {f"scene: {k}": v for k, v in drawn["parameters"].items()}
@@ -164,38 +138,12 @@ def _facts(sequence: Sequence) -> str:
     times, world = sequence.poses()
     speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / np.diff(times) * 1e6
     flat["speed of the rig [m/s]"] = f"{speed.min():.2f} to {speed.max():.2f}"
-    return _table(flat.items())
+    return table(flat.items())
 
 
-def _numbers(groups: dict[str, Any]) -> str:
+def _numbers(groups: dict[str, Any]) -> Node:
     named = [(group, name, value) for group, values in groups.items() for name, value in (values or {}).items()]
-    return _table(row for row in named if not isinstance(row[2], list))
-
-
-def _table(rows: Iterable[tuple[Any, ...]]) -> str:
-    cells = ("".join(f"<td>{html(_short(value))}</td>" for value in row) for row in rows)
-    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _curve(lines: list[list[float]], width: int = 900, height: int = 110) -> str:
-    values = np.array(lines, float)
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    scale = (height - 10) / max(high - low, 1e-12)
-    step = max(1, values.shape[1] // width)
-    out = []
-    for line, colour in zip(values, ("#c22", "#292", "#23c") if len(values) > 1 else ("#333",), strict=False):
-        points = " ".join(
-            f"{i * width / max(1, len(line) - 1):.1f},{height - 5 - (v - low) * scale:.1f}"
-            for i, v in list(enumerate(line))[::step]
-        )
-        out.append(f'<polyline points="{points}" fill="none" stroke="{colour}"/>')
-    for y, value in ((14, high), (height - 4, low)):
-        out.append(f'<text x="4" y="{y}" font-size="12">{_short(value)}</text>')
-    return f'<p><svg width="{width}" height="{height}">{"".join(out)}</svg></p>'
+    return table(row for row in named if not isinstance(row[2], list))
 
 
 # Pictures: RGB arrays [H, W, 3] u1
@@ -253,7 +201,7 @@ def _events_picture(sequence: Sequence, camera: Camera, by_object: bool = False)
         first, last = file.index(middle - 5000), file.index(middle + 5000)
         events = file.read(first, last)
     if not by_object:
-        return event_picture(events, camera.height, camera.width)
+        return event_picture(events, camera.width, camera.height)
     out = np.full((camera.height, camera.width, 3), 255, np.uint8)
     out[events["y"], events["x"]] = _colours(camera.objects()[first:last])
     return out
@@ -269,12 +217,3 @@ def _boxes_picture(camera: Camera, i: int) -> NDArray[np.uint8]:
             cv2.rectangle(out, (x0, y0), (x1 - 1, y1 - 1), (255, 255, 255), 1)
             cv2.putText(out, names[int(box["id"])], (x0 + 2, y0 + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.33, (0, 0, 0), 1)
     return out
-
-
-def _figure(picture: NDArray[np.uint8], caption: str) -> str:
-    width = min(SHOWN, max(346, picture.shape[1]))
-    return f"<figure>{_img(picture, width)}<figcaption>{html(caption)}</figcaption></figure>"
-
-
-def _img(picture: NDArray[np.uint8], width: int) -> str:
-    return f'<img width="{width}" src="data:image/png;base64,{base64.b64encode(png_bytes(picture)).decode()}">'

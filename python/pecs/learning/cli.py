@@ -11,7 +11,8 @@ from .._arguments import SEED, THREADS, Parser, Quantity, Whole
 from .._command import answer
 from .._errors import PecsNotFoundError, optional_module
 from .._files import check_outputs
-from .._progress import Line
+from .._progress import Line, for_a_program
+from ..events import EventReader
 from .limits import WHOLE
 from .reconstruct import METHODS
 
@@ -97,6 +98,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
     from .reconstruct import reconstruct
 
     line = Line(100, task="reconstruct", quiet=args.quiet, verbose=args.verbose)
+    total = _windows(args.events, args.fps) if for_a_program() else 0
     done = reconstruct(
         args.events,
         args.output,
@@ -107,10 +109,16 @@ def _reconstruct(args: argparse.Namespace) -> None:
         cutoff_hz=args.cutoff,
         size=args.size,
         threads=args.threads,
-        progress=lambda n: line(f"reconstruct: {n} pictures", n),
+        progress=lambda n: line(f"reconstruct: {n} pictures", n, total),
     )
     line.end()
     print(f"{args.output}: {done['pictures']} pictures of {done['width']} x {done['height']}, by {done['method']}")
+
+
+def _windows(path: Path, fps: float) -> int:
+    with EventReader(path) as reader:
+        ends_us = [(int(block["t"][0]), int(block["t"][-1])) for block in reader]
+    return int((ends_us[-1][1] - ends_us[0][0]) * fps * 1e-6) + 1 if ends_us else 0
 
 
 def _train(args: argparse.Namespace) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
+import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import PecsOutputError, optional_module
-from .._files import PartialFile, whole_folder, write_whole
-from ..datasets.files import png_bytes
+from .._errors import KINDS, PecsError, PecsNotFoundError, PecsOutputError
+from .._files import whole_folder, write_whole
+from .._pages import png_bytes
+from .._program import program
 
 LOW, HIGH = 1.0, 99.0  # percentiles that become black and white
 FOLLOW = 0.2  # weight of a new picture in the moving average of the range
@@ -65,35 +66,23 @@ class VideoWriter:
     def _video(self) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
         if self.path.suffix.lower() != ".mp4":
             raise PecsOutputError(f"{self.path}: got {self.path.suffix}, wanted .mp4, or a folder for PNG")
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # errors are one line, and it is ours
-        cv2 = optional_module("cv2", "opencv-python-headless", "writing video", "learning")
-        if hasattr(cv2, "setLogLevel"):
-            cv2.setLogLevel(0)
-        with PartialFile(self.path, keeps_extension=True) as output:
-            video = cv2.VideoWriter(str(output.partial), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, self._size)
-            try:
-                if not video.isOpened():
-                    what = f"{self._size[0]} x {self._size[1]} pixels at {self._fps:g} pictures per second"
-                    raise PecsOutputError(
-                        f"{self.path}: cannot be written: no video encoder could be opened for {what}"
-                    )
-                yield lambda picture: video.write(np.repeat(picture[..., None], 3, axis=2))
-                video.release()
-                self._check(cv2, output.partial)
-                output.commit()
-            finally:
-                video.release()
-
-    def _check(self, cv2: Any, unfinished: Path) -> None:
-        """OpenCV reports neither a full disk nor a picture of another size."""
-        video = cv2.VideoCapture(str(unfinished))
-        size = tuple(int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        count = 0
-        while video.grab():
-            count += 1
-        video.release()
-        wanted = tuple(n // 2 * 2 for n in self._size)  # the encoder cuts off an odd row or column
-        if (size, count) != (wanted, self.count):
-            got = f"got {count} readable pictures of {size[0]} x {size[1]}"
-            why = f"{got}, wanted {self.count} of {wanted[0]} x {wanted[1]} (disk full?)"
-            raise PecsOutputError(f"{self.path}: cannot be written: {why}")
+        try:
+            command = [program(), "video", "-o", self.path]
+        except FileNotFoundError as e:
+            raise PecsNotFoundError(f"{self.path}: MP4 requires the program pecs: {e}") from None
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert child.stdin and child.stderr
+        try:
+            child.stdin.write(f"{self._size[0]} {self._size[1]} {self._fps:.17g}\n".encode())
+            yield lambda picture: child.stdin.writelines((b"P", np.ascontiguousarray(picture)))
+            child.stdin.write(b"E")  # without it, the program writes no file
+        except BrokenPipeError:  # the program has ended; its error follows
+            pass
+        finally:
+            with suppress(BrokenPipeError):
+                child.stdin.close()
+            error = child.stderr.read().decode(errors="replace").strip().removeprefix("pecs: ")
+            child.stderr.close()
+            child.wait()
+        if child.returncode:
+            raise KINDS.get(child.returncode, PecsError)(error.removeprefix("video: "), child.returncode)

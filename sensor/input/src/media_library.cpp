@@ -1,5 +1,6 @@
 #include <cstdlib>
 #include <memory>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -31,13 +32,20 @@ VideoFrames frames_of(const std::shared_ptr<cv::VideoCapture>& capture) {
           wide > 0 && high > 0 ? wide / high : 1};
 }
 
+// PECS reports errors itself.
+void quiet() {
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+}
+
 VideoFrames open_video(const std::string& path) {
-  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // PECS reports errors itself
+  quiet();
   return frames_of(std::make_shared<cv::VideoCapture>(path, cv::CAP_FFMPEG));
 }
 
 std::function<void(const cv::Mat&)> video_writer(const std::string& path, const std::string& codec, double fps,
                                                  int width, int height) {
+  quiet();
   const int fourcc = cv::VideoWriter::fourcc(codec.at(0), codec.at(1), codec.at(2), codec.at(3));
   const auto writer = std::make_shared<cv::VideoWriter>(path, cv::CAP_FFMPEG, fourcc, fps, cv::Size(width, height));
   if (!writer->isOpened()) return {};

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <opencv2/imgproc.hpp>
 
+#include "pecs/events/picture.h"
 #include "pecs/input/media.h"
 #include "pecs/input/video_file.h"
 #include "pecs/platform.h"
@@ -26,10 +27,9 @@ bool display_answers() {
   return platform::succeeds_in_child([&] { opencv.open_window(kWindow); }, 10);
 }
 
-// ON blue, OFF orange on white (Okabe and Ito, 2008).
 class EventView {
  public:
-  EventView(const Screen& screen, cv::Size size, bool shows) : screen_(screen), picture_(size, CV_8UC3, kPaper) {
+  EventView(const Screen& screen, cv::Size size, bool shows) : screen_(screen), size_(size) {
     if (shows)
       media().open_window(kWindow);
     else
@@ -38,11 +38,11 @@ class EventView {
 
   // False when the user ends the view.
   bool add(std::span<const events::Event> events) {
-    if (events.empty() && !video_) return media().show(kWindow, picture_, 1) != kEscape;
+    if (events.empty() && !video_) return media().show(kWindow, picture(), 1) != kEscape;
     bool goes_on = true;
     for (const events::Event& e : events) {
       while (e.t_us >= next_us_) goes_on &= flush();
-      picture_.at<cv::Vec3b>(e.y, e.x) = e.p ? cv::Vec3b(178, 114, 0) : cv::Vec3b(0, 94, 213);
+      now_.push_back(e);
     }
     return goes_on;
   }
@@ -52,23 +52,29 @@ class EventView {
   }
 
  private:
+  cv::Mat picture() const {
+    auto pixels = events::picture(now_, size_.width, size_.height, events::kLight);
+    cv::Mat bgr;
+    cv::cvtColor(cv::Mat(size_, CV_8UC3, pixels.data()), bgr, cv::COLOR_RGB2BGR);
+    return bgr;
+  }
   bool flush() {
     next_us_ += screen_.picture_us;
     int key = -1;
     if (video_) {
-      video_->write(picture_);
+      video_->write(picture());
     } else {
       const double early_us = static_cast<double>(next_us_ - screen_.picture_us) - microseconds_since(start_);
-      key = media().show(kWindow, picture_, std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
+      key = media().show(kWindow, picture(), std::clamp(static_cast<int>(early_us * 1e-3), 1, 1000));
     }
-    picture_.setTo(kPaper);
+    now_.clear();
     return key != kEscape;
   }
 
   static constexpr int kEscape = 27;
-  static inline const cv::Scalar kPaper{255, 255, 255};
   const Screen& screen_;
-  cv::Mat picture_;
+  cv::Size size_;
+  std::vector<events::Event> now_;  // of the next picture
   std::optional<VideoFile> video_;  // none: the window
   Clock::time_point start_ = Clock::now();
   std::int64_t next_us_ = screen_.picture_us;

@@ -267,7 +267,7 @@ def test_quality_is_in_the_set(made):
     assert 0 < events["camera_noise_share"] < 1
     rows = json.loads((made / "set/dataset.json").read_text())["sequences"]
     assert rows[0]["outside_limits"] == checks["outside_limits"]
-    assert (made / "set/index.html").read_text().count('class="moving"') == 2
+    assert (made / "set/index.html").read_text().count('class="film"') == 2
 
 
 def test_rates_stand_beside_those_of_recorded_sets(made):

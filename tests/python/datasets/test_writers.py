@@ -286,11 +286,11 @@ def test_radiance_by_a_loader_of_radiance_fields(sequence, exported, outside):
 
 
 def test_picture_of_events():
-    from pecs.datasets.writers._pictures import event_picture
-
     events = np.zeros(7, pecs.EVENT_DTYPE)
     events["x"], events["p"] = [0, 0, 0, 1, 2, 2, 2], [1, 1, 1, 0, 0, 0, 0]
-    assert event_picture(events, 1, 4).tolist() == [[[0, 114, 178], [241, 201, 170], [213, 94, 0], [255, 255, 255]]]
+    assert pecs.event_picture(events, 4, 1).tolist() == [[[7, 118, 180], [226, 142, 77], [214, 98, 7], [255] * 3]]
+    with pytest.raises(pecs.PecsInputError, match="pixel"):
+        pecs.event_picture(events, 2, 1)
 
 
 # --- All of them ------------------------------------------------------------------------------------------------------

@@ -18,9 +18,10 @@ ROOMS = {
     "sensor": ("sensor", "common events"),  # knows no lens
     "input": ("sensor/input", "common events sensor"),
     "metrics": ("calibration/metrics", "common events"),
-    "view": ("calibration/view", "common events sensor input metrics"),
+    "page": ("calibration/page", "common events"),
+    "view": ("calibration/view", "common events sensor input metrics page"),
     "calibration": ("calibration", "common events lens sensor metrics view"),
-    "capi": ("python/c", "common events lens sensor metrics"),
+    "capi": ("python/c", "common events lens sensor metrics page"),
     "apps": ("apps", "common events lens sensor input metrics view calibration"),
 }
 # Folders of sensor/src: each includes only those before it. A public header belongs to the folder of its .cpp.

@@ -84,7 +84,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         ((path, "-o", tmp_path / "no/x.mp4"), 5, "cannot be written"),
         ((path, "-o", tmp_path / "there"), 5, "exists"),
         ((path, "-o", tmp_path / "x.mp4", "--fps", 0), 2, "--fps"),
-        ((path, "-o", tmp_path / "x.mp4", "--playback-fps", 1e-9), 5, "no video encoder could be opened for 96 x 72"),
+        ((path, "-o", tmp_path / "x.mp4", "--playback-fps", 1e-9), 5, "no video encoder could be opened"),
         ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
@@ -93,7 +93,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         result = learning("reconstruct", *words, check=False)
         said = result.stderr.strip().splitlines()
         assert result.returncode == code and len(said) == 1 and line in said[0], (words, result.stderr)
-    assert not list(tmp_path.glob("x*"))
+    assert {p.suffix for p in tmp_path.glob("x*")} <= {".partial"}
 
 
 def same_footage(one, other):

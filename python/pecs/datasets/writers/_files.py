@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..._errors import optional_module
 from ..._files import write_text
+from ..._pages import png_bytes
 from ..event_file import EventFile
-from ..files import png_bytes
 
 _CHUNK = 1 << 16
 _GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # every HDF5 library reads it

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from ..._errors import optional_module
 from ..._files import write_json
+from ...representations import event_picture
 from ..files import read_picture
 from ..sequence import Camera, Sequence
 from ._files import write_png
-from ._pictures import event_picture
 from ._shared import Report, boxes, class_numbers, truth_at
 
 _LEFT_OUT = ("depth, flow, normals, poses, IMU", "causes and objects of events")
@@ -56,7 +56,7 @@ def _pictures(camera: Camera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     if camera.kind == "events":
         with camera.event_file() as events:
             for i in range(1, len(times)):
-                yield i, event_picture(events.between(times[i - 1], times[i]), camera.height, camera.width)
+                yield i, event_picture(events.between(times[i - 1], times[i]), camera.width, camera.height)
         return
     for frame in camera.frames():
         i = truth_at(camera, frame.middle_us)

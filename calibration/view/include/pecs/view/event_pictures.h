@@ -1,30 +1,19 @@
 #pragma once
-// Visualisation of events: frames, contact sheets, slow-motion video, and an interactive 3-D page. ON is blue and OFF
-// is orange, which colour-blind people can distinguish (Okabe and Ito, 2008); pixels without events are blank.
+// Visualisation of events: frames, contact sheets, slow-motion video, and an interactive 3-D page.
 #include <cstdint>
 #include <filesystem>
-#include <map>
 #include <opencv2/core.hpp>
 #include <span>
 #include <string>
 
+#include "pecs/events/picture.h"
 #include "pecs/events/recording.h"
 
 namespace pecs::view {
 
-struct Rgb {
-  std::uint8_t r, g, b;
-  std::string hex() const;  // "#0072b2"
-};
+using events::kDark, events::kLight, events::Theme;
 
-struct Theme {
-  Rgb paper, ink, on, off;
-};
-inline constexpr Theme kLight{{255, 255, 255}, {27, 31, 36}, {0, 114, 178}, {213, 94, 0}};
-inline constexpr Theme kDark{{20, 23, 27}, {232, 235, 238}, {86, 180, 233}, {240, 140, 40}};
-
-// Events of [from_us, to_us): the hue mixes a cell's polarities, the saturation grows with their number. A cell is
-// `binning` x `binning` pixels. CV_8UC3, BGR, one image pixel per cell.
+// events::picture of those in [from_us, to_us): CV_8UC3, BGR, one image pixel per cell.
 cv::Mat event_frame(const events::Recording& recording, std::int64_t from_us, std::int64_t to_us, const Theme& theme,
                     int binning = 1);
 
@@ -51,8 +40,5 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
 // A self-contained HTML file with at most `limit` events, drawn at random; its caption states that. Returns their
 // number.
 std::size_t write_page(const events::Recording& recording, const std::filesystem::path& path, std::size_t limit);
-
-// Replaces every {{key}} of a template. Throws internal for a key without a value.
-std::string fill_template(std::string_view text, const std::map<std::string, std::string>& values);
 
 }  // namespace pecs::view

@@ -1,4 +1,4 @@
-"""Video from events inside Blender: what `pecs reconstruct` shows, without OpenCV."""
+"""Video from events inside Blender: `pecs reconstruct` in its Python, which has no OpenCV."""
 
 import subprocess
 import sys
@@ -36,30 +36,13 @@ def pictures(path):
     return np.array(found), video.get(cv2.CAP_PROP_FPS)
 
 
-def test_it_shows_what_reconstruct_shows(events, tmp_path):
+def test_it_is_what_reconstruct_writes(events, tmp_path):
     words = (events, "--fps", "500Hz", "--playback-fps", 25, "--cutoff", "5Hz")
     said = pecs_blender("reconstruct", *words, "-o", tmp_path / "b.mp4", "--quiet")
-    assert said.stdout == f"{tmp_path / 'b.mp4'}: 20 video frames, by filter\n" and said.stderr == ""
+    assert said.stdout == f"{tmp_path / 'b.mp4'}: 20 pictures of 64 x 48, by filter\n" and said.stderr == ""
     command = [sys.executable, "-m", "pecs.learning", "reconstruct", *words, "-o", tmp_path / "p.mp4", "--quiet"]
     subprocess.run(list(map(str, command)), check=True)
     (ours, fps), (theirs, _) = pictures(tmp_path / "b.mp4"), pictures(tmp_path / "p.mp4")
     assert ours.shape == theirs.shape == (20, HEIGHT, WIDTH) and fps == 25
-    assert theirs.std() > 20 and np.abs(ours - theirs).mean() < 6  # two encoders
+    assert theirs.std() > 20 and (ours == theirs).all()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.mp4", "p.mp4"]
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "line"),
-    [
-        (["{events}", "-o", "{out}.avi"], 2, "the extension must be .mp4"),
-        (["/nonexistent.raw", "-o", "{out}.mp4"], 3, "/nonexistent.raw"),
-        (["{events}", "-o", "{out}.mp4", "--fps", "5ms"], 2, "--fps: got '5ms', wanted a number with a unit"),
-        (["{events}", "-o", "{out}.mp4", "--fps", "100MHz"], 2, "wanted at most"),
-        (["{events}", "-o", "/nonexistent/x.mp4"], 5, "cannot be written"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_what_is_wrong_is_one_line(events, tmp_path, words, code, line):
-    done = pecs_blender("reconstruct", *(w.format(events=events, out=tmp_path / "x") for w in words), check=False)
-    assert done.returncode == code and line in done.stderr and done.stderr.count("\n") == 1, done.stderr
-    assert not list(tmp_path.iterdir())

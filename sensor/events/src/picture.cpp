@@ -1,0 +1,43 @@
+#include "pecs/events/picture.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "pecs/error.h"
+
+namespace pecs::events {
+
+std::string Rgb::hex() const { return fmt::format("#{:02x}{:02x}{:02x}", r, g, b); }
+
+const Theme& theme_of(const std::string& name) {
+  if (name != "light" && name != "dark")
+    throw Error(ExitCode::usage, fmt::format("theme: got {}, wanted light or dark", name));
+  return name == "dark" ? kDark : kLight;
+}
+
+std::vector<Rgb> picture(std::span<const Event> events, int width, int height, const Theme& theme, int binning) {
+  const auto columns = static_cast<std::size_t>((width + binning - 1) / binning);
+  const auto rows = static_cast<std::size_t>((height + binning - 1) / binning);
+  std::vector<std::array<std::uint32_t, 2>> counts(columns * rows);
+  for (const Event& e : events) {
+    if (e.x >= width || e.y >= height)
+      throw bad_input("events", "pixel", fmt::format("({}, {})", e.x, e.y), fmt::format("one of {}x{}", width, height));
+    ++counts[static_cast<std::size_t>(e.y / binning) * columns + static_cast<std::size_t>(e.x / binning)][e.p != 0];
+  }
+
+  std::vector<Rgb> out;
+  out.reserve(counts.size());
+  for (const auto& [off, on] : counts) {
+    const double total = double(off) + on, strength = 1 - std::pow(0.3, total);
+    const auto mixed = [&](std::uint8_t Rgb::* c) {
+      const double paper = theme.paper.*c,
+                   hue = total > 0 ? (off * (theme.off.*c) + on * (theme.on.*c)) / total : paper;
+      return static_cast<std::uint8_t>(std::lround(paper + strength * (hue - paper)));
+    };
+    out.push_back({mixed(&Rgb::r), mixed(&Rgb::g), mixed(&Rgb::b)});
+  }
+  return out;
+}
+
+}  // namespace pecs::events
