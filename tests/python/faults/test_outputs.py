@@ -14,7 +14,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs import PecsError
-from pecs._files import MARK, check_outputs, whole, whole_folder, write_text
+from pecs._files import MARK, check_outputs, lock_file, whole_folder, write_text
 from pecs.datasets import Sequence, writers
 from pecs.learning.video import VideoWriter
 from support import ROOT, run_module
@@ -33,6 +33,11 @@ COMMANDS = {  # of files: name of the output, command
 def case(request, recording, tmp_path):
     name, run = COMMANDS[request.param]
     return tmp_path / name, lambda output: run(recording, output)
+
+
+def partial_of(output):
+    """Libraries choose the format of a video by the extension."""
+    return output.with_name(f".{output.stem}.partial.mp4" if output.suffix == ".mp4" else f"{output.name}.partial")
 
 
 every_command = pytest.mark.parametrize("case", COMMANDS, indirect=True)
@@ -61,7 +66,7 @@ def test_a_full_disk_is_one_line(case, small_disk):
 def test_a_partial_that_is_a_link_is_not_followed(case, tmp_path):
     output, run = case
     (tmp_path / "precious").write_text("mine")
-    (tmp_path / f"{output.name}.partial").symlink_to("precious")
+    partial_of(output).symlink_to("precious")
     refused(run(output), 5, "symbolic link")
     assert (tmp_path / "precious").read_text() == "mine" and not output.exists()
 
@@ -82,10 +87,10 @@ def test_a_link_to_a_file_stays_a_link(case, tmp_path):
 @every_command
 def test_the_second_of_two_writers_is_refused(case):
     output, run = case
-    with whole(output) as file:
-        file.write(b"first")
+    with lock_file(partial_of(output), output):
+        partial_of(output).write_bytes(b"first")
         refused(run(output), 5, "another process is writing it")
-    assert output.read_bytes() == b"first"
+    assert partial_of(output).read_bytes() == b"first" and not output.exists()
 
 
 @every_command
