@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import INT, INT64, POINTER, TEXT
+from ._c_types import INT, INT64, POINTER, TEXT, check_out, unmasked
 from ._library import Handle, function, options_bytes, path_bytes, take_json
 
 EVENT_DTYPE = np.dtype(
@@ -157,8 +157,7 @@ class EventReader(Handle):
     def read_into(self, block: NDArray[np.void]) -> int:
         """Read the next events into a contiguous array of `EVENT_DTYPE`. Returns their number; 0 only at the end of the
         file."""
-        if block.dtype != EVENT_DTYPE or not block.flags.c_contiguous:
-            raise ValueError(f"block: got {block.dtype}, wanted contiguous EVENT_DTYPE")
+        check_out("block", block, EVENT_DTYPE, (len(block),))
         count: int = self._call(_read, block.ctypes.data, len(block))
         return count
 
@@ -260,11 +259,11 @@ def write(
 
 def as_events(events: NDArray[Any]) -> NDArray[np.void]:
     """A plain, contiguous array of EVENT_DTYPE."""
-    events = np.asarray(events)
-    if events.dtype == EVENT_DTYPE:
-        return np.ascontiguousarray(events)
+    events = unmasked("events", events)
     if events.ndim != 1 or not set("txyp") <= set(events.dtype.names or ()):
         raise ValueError(f"events: got {events.dtype} of shape {events.shape}, wanted one dimension with t, x, y and p")
+    if events.dtype == EVENT_DTYPE:
+        return np.ascontiguousarray(events)
     out = np.zeros(len(events), EVENT_DTYPE)
     for name in "txyp":
         column, wanted = events[name], EVENT_DTYPE[name]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import DOUBLE, FLOATS, INT, INT64, INTEGERS, POINTER, TEXT
+from ._c_types import DOUBLE, FLOATS, INT, INT64, INTEGERS, POINTER, TEXT, check_out, unmasked
 from ._library import Handle, function
 from .events import as_events
 from .stack import StackReader
@@ -57,7 +57,7 @@ class Carrier(Handle):
     _free = staticmethod(_close)
 
     def __init__(self, motion: ArrayLike):
-        m = np.ascontiguousarray(motion, np.float32)
+        m = np.ascontiguousarray(unmasked("motion", motion), np.float32)
         if m.ndim != 3 or len(m) not in CHANNEL_COUNTS:
             raise ValueError(f"motion: got shape {m.shape}, wanted ({len(CHANNELS)}, H, W), or 2 or 4 channels")
         self._size = m.shape[1:]
@@ -85,7 +85,7 @@ class Carrier(Handle):
 
 class CarriedLight(Handle):
     """The light between two keyframes [H, W] or [bands, H, W], warped along the motion; prepared once for any number of
-    instants. The carrier may be closed afterwards.
+    instants. The carrier may be closed afterwards; contiguous float32 keyframes are not copied and must not change.
 
     `side`: "both"; "first" or "second" is what this keyframe alone predicts, NaN where it does not show the surface.
     """
@@ -93,7 +93,7 @@ class CarriedLight(Handle):
     _free = staticmethod(_close_light)
 
     def __init__(self, carrier: Carrier, first: ArrayLike, second: ArrayLike, side: str = "both"):
-        a, b = (np.ascontiguousarray(v, np.float32) for v in (first, second))
+        a, b = (np.ascontiguousarray(unmasked("keyframes", v), np.float32) for v in (first, second))
         if a.shape != b.shape or a.ndim not in (2, 3):
             raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
         carrier._check_size(a.shape[-2:])
@@ -110,8 +110,7 @@ class CarriedLight(Handle):
         """
         shape = self._keyframes[0].shape
         out = np.full(shape, np.nan, np.float32) if out is None else out
-        if out.shape != shape:
-            raise ValueError(f"out: got shape {out.shape}, wanted {shape}")
+        check_out("out", out, np.float32, shape)
         some = np.ascontiguousarray(() if boxes is None else boxes, np.int32).reshape(-1, 4)
         self._call(_light_at, fraction, None if boxes is None else some.ctypes.data, len(some), out, out.size)
         return out
@@ -157,7 +156,7 @@ def event_labels(
 
 
 def _whole(labels: ArrayLike) -> NDArray[np.int32]:
-    given = np.asarray(labels)
+    given = unmasked("labels", labels)
     out = np.ascontiguousarray(given.astype(np.int32))
     if not np.array_equal(out, given):
         raise ValueError("labels: got values that are no whole numbers of 32 bits")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._c_types import DOUBLE, FLOATS, INT, INT64, POINTER, TEXT
+from ._c_types import DOUBLE, FLOATS, INT, INT64, POINTER, TEXT, check_out
 from ._library import function
 from .events import as_events
 
@@ -130,6 +130,5 @@ def _planes(planes: int, height: int, width: int, out: _Planes | None) -> _Plane
     shape = (planes, height, width)
     if out is None:
         return np.empty(tuple(max(0, n) for n in shape), np.float32)  # the library reports the error
-    if out.dtype != np.float32 or out.shape != shape or not (out.flags.c_contiguous and out.flags.writeable):
-        raise ValueError(f"out: got {out.dtype} of shape {out.shape}, wanted contiguous float32 of shape {shape}")
+    check_out("out", out, np.float32, shape)
     return out

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT
+from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT, unmasked
 from ._library import Handle, function, options_bytes, take_json
 from ._options import SensorOptions, library_options
 from .chip import Chip
@@ -55,7 +55,7 @@ def _as_array(frames: ArrayLike) -> NDArray[Any]:
     """NumPy's view of anything with the array interface, or of a tensor on the CPU with DLPack alone."""
     if not hasattr(frames, "__array__") and hasattr(frames, "__dlpack__"):
         return np.from_dlpack(frames)  # type: ignore[arg-type]
-    return np.asarray(frames)
+    return unmasked("frames", frames)
 
 
 def _to_linear(frames: ArrayLike, encoding: str | None) -> NDArray[np.float32]:

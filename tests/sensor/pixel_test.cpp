@@ -68,6 +68,29 @@ TEST(Pixel, RateHasNoLineAtTheFrames) {
 }
 
 // More than are solved together, of each pixel.
+// Pixels with thresholds only have a kernel of their own: it finds the crossings on both sides of an extremum, too.
+TEST(Pixel, TurningLightHasTheEventsOfPixelsWithAState) {
+  const Clip clip = make_clip(200, 1, 40, 1000, [](int x, int, double t) {
+    return std::exp(0.6 * std::sin(1e-3 * t * (0.3 + 0.004 * x)) + 0.2 * std::sin(2.9e-3 * t + x));
+  });
+  const auto events = run(load_chip("ideal"), clip);
+  const auto others = run(load_chip("ideal", {"refractory_period_s=1e-12"}), clip);
+  ASSERT_GT(events.size(), 5000u);
+  const auto of_pixels = [](const std::vector<Event>& all) {
+    std::map<int, std::vector<Event>> pixels;
+    for (const Event& e : all) pixels[e.x].push_back(e);
+    return pixels;
+  };
+  auto a = of_pixels(events), b = of_pixels(others);
+  for (auto& [x, of_pixel] : a) {
+    ASSERT_EQ(of_pixel.size(), b[x].size()) << "x " << x;
+    for (std::size_t i = 0; i < of_pixel.size(); ++i) {
+      EXPECT_EQ(of_pixel[i].p, b[x][i].p);
+      EXPECT_NEAR(static_cast<double>(of_pixel[i].t_us), static_cast<double>(b[x][i].t_us), 200) << x;  // where light is slow: cubic.h
+    }
+  }
+}
+
 TEST(Pixel, ThousandEventsInAnInterval) {
   const Chip chip = load_chip("ideal", {"contrast_threshold_on=0.01", "contrast_threshold_off=0.01"});
   const double rate = 1e-4;

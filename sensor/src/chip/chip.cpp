@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <set>
 
@@ -48,6 +49,17 @@ constexpr std::array kValues = {
     Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
 };
 
+bool is_whole(double v) { return v == std::floor(v); }
+
+// Whether `v` may be the value of `of`: pixels are whole.
+bool is_allowed(const Value& of, double v, Range range) {
+  return v >= range.min && v <= range.max && (of.unit != std::string_view("px") || is_whole(v));
+}
+std::string allowed(const Value& of, Range range) {
+  return fmt::format("{} in [{}, {}]", of.unit == std::string_view("px") ? "a whole number" : "a number", range.min,
+                     range.max);
+}
+
 std::vector<std::string> keys() {
   std::vector<std::string> out;
   for (const Value& v : kValues) out.emplace_back(v.key);
@@ -78,7 +90,8 @@ std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path
   std::optional<std::size_t> pixels;
   if (o.has("region")) {
     const std::vector<double> region = o.numbers("region", {0, 8192});
-    if (region.size() != 4 || region[2] < 1 || region[3] < 1) o.fail("region", "no region", "[x, y, width, height]");
+    if (region.size() != 4 || region[2] < 1 || region[3] < 1 || !std::ranges::all_of(region, is_whole))
+      o.fail("region", "no region", "[x, y, width, height] in whole pixels");
     map.x = static_cast<int>(region[0]), map.y = static_cast<int>(region[1]);
     map.width = static_cast<int>(region[2]), map.height = static_cast<int>(region[3]);
     pixels = static_cast<std::size_t>(map.width) * static_cast<std::size_t>(map.height);
@@ -100,8 +113,8 @@ std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path
     for (const Json& entry : o.any("hot_pixels")) {
       if (!entry.is_array() || entry.size() != 3 || !std::ranges::all_of(entry, [](const Json& v) {
             return v.is_number() && v.get<double>() >= 0 && v.get<double>() <= 1e4;
-          }))
-        o.fail("hot_pixels", entry.dump(), "[x, y, Hz]");
+          }) || !is_whole(entry[0].get<double>()) || !is_whole(entry[1].get<double>()))
+        o.fail("hot_pixels", entry.dump(), "[x, y, Hz], x and y whole");
       map.hot_pixels->push_back({entry[0].get<int>(), entry[1].get<int>(), entry[2].get<double>()});
     }
   }
@@ -132,6 +145,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     const std::vector<double> range = entry.numbers("range", {v.min, v.max});
     if (range.size() != 2 || range[0] > range[1]) entry.fail("range", "no range", "[min, max]");
     chip.*v.member = entry.number("value", {range[0], range[1]});
+    if (const Range known{range[0], range[1]}; !is_allowed(v, chip.*v.member, known))
+      entry.fail("value", fmt::format("{}", chip.*v.member), allowed(v, known));
     entry.one_of("unit", {v.unit});
     if (entry.has("interval")) {  // where the true value lies, as far as the sources know
       const std::vector<double> interval = entry.numbers("interval", {range[0], range[1]});
@@ -157,11 +172,11 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
       throw Error(ExitCode::usage, fmt::format("--set {}: got an unknown key, wanted KEY=VALUE with one of {}", text,
                                                fmt::join(keys(), ", ")));
     const auto value = number_from<double>(std::string_view(text).substr(equals + 1));
-    if (!value || !(*value >= known->second.min && *value <= known->second.max))
-      throw Error(ExitCode::usage, fmt::format("--set {}: got {}, wanted a number in [{}, {}]", key,
-                                               text.substr(equals + 1), known->second.min, known->second.max));
-    for (const Value& v : kValues)
-      if (key == v.key) chip.*v.member = *value;
+    const Value& of = *std::ranges::find(kValues, key, &Value::key);
+    if (!value || !is_allowed(of, *value, known->second))
+      throw Error(ExitCode::usage, fmt::format("--set {}: got {}, wanted {}", key, text.substr(equals + 1),
+                                               allowed(of, known->second)));
+    chip.*of.member = *value;
   }
   apply_biases(chip, biases, overrides);
   return chip;

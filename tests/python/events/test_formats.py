@@ -235,6 +235,9 @@ def test_blocks(tmp_path):
         assert not (tmp_path / "e.raw").exists()
     with pecs.EventReader(tmp_path / "e.raw") as reader:
         assert reader.info == {"format": "evt3", "width": WIDTH, "height": HEIGHT, "camera": "IMX636"}
+        read_only = np.frombuffer(bytes(16 * 8), pecs.EVENT_DTYPE)
+        with pytest.raises(ValueError, match="block: got read-only"):
+            reader.read_into(read_only)
         back = np.concatenate([*reader])
     assert_same([back[name] for name in "txyp"], events)
 
@@ -271,8 +274,11 @@ def test_other_arrays_are_refused(tmp_path, change, line):
         events["x"][1] = -1
     with pytest.raises(ValueError, match=line):
         pecs.write(tmp_path / "e.raw", events, WIDTH, HEIGHT)
-    with pytest.raises(ValueError, match="wanted one dimension with t, x, y and p"):
-        pecs.write(tmp_path / "e.raw", np.zeros((3, 4)), WIDTH, HEIGHT)
+    for shape, kind in (((3, 4), float), ((3, 4), pecs.EVENT_DTYPE), ((), pecs.EVENT_DTYPE)):
+        with pytest.raises(ValueError, match="wanted one dimension with t, x, y and p"):
+            pecs.write(tmp_path / "e.raw", np.zeros(shape, kind), WIDTH, HEIGHT)
+    with pytest.raises(ValueError, match="events: got masked values"):
+        pecs.write(tmp_path / "e.raw", np.ma.masked_array(np.zeros(3, pecs.EVENT_DTYPE), [0, 1, 0]), WIDTH, HEIGHT)
 
 
 def test_errors_name_the_formats(tmp_path):

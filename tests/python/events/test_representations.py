@@ -95,7 +95,9 @@ def test_arrays_of_others(events):
     out = np.full((3, H, W), np.nan, np.float32)
     assert pecs.voxel_grid(other[::1], W, H, 3, out=out) is out and np.array_equal(out, wanted)
     assert np.array_equal(pecs.event_histogram(other[::2], W, H), pecs.event_histogram(events[::2], W, H))
-    for bad in (out[:2], out.astype(float), out.transpose(1, 2, 0), np.zeros((3, H, 2 * W), np.float32)[:, :, ::2]):
+    read_only = np.broadcast_to(np.float32(0), (3, H, W)).copy()
+    read_only.flags.writeable = False
+    for bad in (read_only, out[:2], out.astype(float), out.transpose(1, 2, 0), np.zeros((3, H, 2 * W), np.float32)[:, :, ::2]):
         with pytest.raises(ValueError, match="out: got"):
             pecs.voxel_grid(events, W, H, 3, out=bad)
 

@@ -50,6 +50,9 @@ def test_one_motion_carries_at_any_number_of_instants():
                 assert np.array_equal(parts[top:bottom, left:right], carried[top:bottom, left:right])
             ids = np.round(100 * first), np.round(100 * second)
             assert np.array_equal(carrier.labels(*ids, fraction), pecs.carry_labels(*ids, motion, fraction))
+    for out in (np.zeros((60, 80)), np.zeros((60, 160), np.float32)[:, ::2], np.broadcast_to(np.float32(0), (60, 80))):
+        with pytest.raises(ValueError, match="out: got"):
+            light.at(0.5, out=out)
     with pytest.raises(ValueError, match="closed"):
         pecs.CarriedLight(carrier, first, second)
     assert np.array_equal(light.at(0.7), carried)  # keeps what it needs

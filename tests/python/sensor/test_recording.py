@@ -134,6 +134,8 @@ def test_a_sample_of_noise_rates_is_drawn_from(with_map):
         ({"threshold_on": [0], "threshold_off": [1]}, "threshold_on[0]"),
         ({"hot_pixels": [[4, 0, 10]]}, "pixel 4,0"),
         ({"hot_pixels": [[1, 10]]}, "[x, y, Hz]"),
+        ({"hot_pixels": [[1.5, 0, 10]]}, "x and y whole"),
+        ({"region": [0, 0.5, 2, 1]}, "whole pixels"),
         ({"speed": 1}, "speed"),
         ({"source": None}, "source"),
     ],

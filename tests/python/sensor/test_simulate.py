@@ -76,6 +76,8 @@ def test_errors():
         pecs.simulate(frames, t[:-1])
     with pytest.raises(ValueError, match="int32"):
         pecs.simulate(frames.astype(np.int32), t)
+    with pytest.raises(ValueError, match="frames: got masked values"):
+        pecs.simulate(np.ma.masked_array(frames, frames > np.median(frames)), t)
     with pytest.raises(pecs.PecsError, match="unknown key"):
         pecs.simulate(frames, t, overrides={"threshold": 1})
     with pytest.raises(pecs.PecsError, match="more than"):
@@ -156,10 +158,11 @@ def test_other_simulators(model):
         pecs.simulate(frames, t, model=model, parameters={"nope": 1})
 
 
-def test_labels():
+@pytest.mark.parametrize("chip", ["imx636", "davis346", "ideal"])
+def test_labels(chip):
     frames, t = waves()
-    plain = pecs.simulate(frames, t, photocurrent_a=1e-14)
-    events = pecs.simulate(frames, t, photocurrent_a=1e-14, labels=True)
+    plain = pecs.simulate(frames, t, chip, photocurrent_a=1e-14)
+    events = pecs.simulate(frames, t, chip, photocurrent_a=1e-14, labels=True)
     for name in ("t", "x", "y", "p"):
         np.testing.assert_array_equal(events[name], plain[name])
     assert (events.width, events.height) == (W, H)

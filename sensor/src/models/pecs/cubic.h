@@ -97,6 +97,24 @@ struct Halley {
   }
 };
 
+// Ends of a cubic's monotone pieces in [from, 1]: from <= first <= second <= 1. A piece that it lacks is empty.
+template <class T>
+struct Turns {
+  T first, second;
+};
+template <class T>
+PECS_INLINE Turns<T> turns(const Cubic<T>& q, T from) {
+  // 3 c3 s^2 + 2 c2 s + c1 = 0.
+  const T root2 = neg_mul_add(3.0f * q.c3, q.c1, q.c2 * q.c2);
+  const T sum = -(q.c2 + copy_sign(sqrt(root2), q.c2));
+  const T r0 = sum / (3.0f * q.c3), r1 = q.c1 / sum;
+  const auto swap = r0 > r1;
+  const T first = select(swap, r1, r0), second = select(swap, r0, r1);
+  const auto inside = [&](T s, T after) { return s > after && s < number<T>(1); };  // false for NaN
+  const T e0 = select(inside(first, from), first, from);
+  return {e0, select(inside(second, e0), second, e0)};
+}
+
 template <class T>
 struct Crossing {
   T at;  // > 1: none
@@ -107,15 +125,7 @@ struct Crossing {
 template <class T>
 PECS_INLINE Crossing<T> first_crossing(const Cubic<T>& q, T from, T low, T high) {
   const T one = number<T>(1);
-  // Monotone pieces end where 3 c3 s^2 + 2 c2 s + c1 = 0.
-  const T root2 = neg_mul_add(3.0f * q.c3, q.c1, q.c2 * q.c2);
-  const T sum = -(q.c2 + copy_sign(sqrt(root2), q.c2));
-  const T r0 = sum / (3.0f * q.c3), r1 = q.c1 / sum;
-  const auto swap = r0 > r1;
-  const T first = select(swap, r1, r0), second = select(swap, r0, r1);
-  const auto inside = [&](T s, T after) { return s > after && s < one; };  // false for NaN
-  const T e0 = select(inside(first, from), first, from);
-  const T e1 = select(inside(second, e0), second, e0);
+  const auto [e0, e1] = turns(q, from);
   const T q_from = q.at(from), q0 = q.at(e0), q1 = q.at(e1), q2 = q.at(one);
   const auto outside = [&](T v) { return v >= high || v <= low; };
   const auto at_once = outside(q_from), in0 = outside(q0), in1 = outside(q1), in2 = outside(q2);

@@ -31,8 +31,8 @@ struct KernelArguments {
 inline constexpr std::uint32_t kMaxLanes = 64;
 
 void run_kernel(const KernelArguments& arguments);
-// For pixels with thresholds only: no photoreceptor, refractory period, leak, background, marks or
-// random phase (threshold_kernel.cpp).
+// For pixels with thresholds only: no photoreceptor, refractory period, leak, background or random phase
+// (threshold_kernel.cpp). All events are signal.
 void run_threshold_kernel(const KernelArguments& arguments);
 
 }  // namespace pecs::sensor

@@ -83,7 +83,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   draw_thresholds(chip, n);
   place_hot_pixels(chip, setup.height);
   for (Zeros* row : {&light0_, &light1_, &m0_, &reference_}) *row = Zeros(padded);
-  if (setup.causes) marks_.resize(n);
+  if (setup.causes && !has_thresholds_only()) marks_.resize(n);
   if (!has_thresholds_only()) blind_us_ = Zeros(padded);
   if (constants_.a_per_us > 0) w_ = Zeros(padded);
   if (constants_.b_per_us > 0) y_ = Zeros(padded);
@@ -138,10 +138,10 @@ std::optional<std::size_t> PecsPixels::mapped(std::uint32_t pixel) const {
   return map_->index(static_cast<int>(pixel % width_), static_cast<int>(pixel / width_), uniform(random_of(pixel)[3]));
 }
 
-// True without photoreceptor, refractory period, leak, background, causes and random phases.
+// True without photoreceptor, refractory period, leak, background and random phases: all events are signal.
 bool PecsPixels::has_thresholds_only() const {
   return constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-         !has_background() && marks_.empty() && !random_phase_;
+         !has_background() && !random_phase_;
 }
 
 void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& events) {

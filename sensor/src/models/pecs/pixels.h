@@ -74,7 +74,7 @@ class PecsPixels : public PixelModel {
   std::vector<HotPixel> hot_;           // sorted
   std::shared_ptr<const PixelMap> map_;
   std::uint32_t width_;
-  std::vector<ResetMark> marks_;  // empty without causes
+  std::vector<ResetMark> marks_;  // empty without causes, and with thresholds only
 };
 
 }  // namespace pecs::sensor

@@ -22,10 +22,11 @@ namespace pecs::sensor::HWY_NAMESPACE {
 // sorter.
 class Crossings {
  public:
-  // A vector of pixels with `count` crossings each: number k = 1, 2, … is where c1 s + c2 s^2 + c3 s^3 rises to
-  // start + k each, s in [0, 1]. rise: the cubic's value at 1.
+  // A vector of pixels with `count` crossings each on a monotone piece of the interval: number k = 1, 2, … is where
+  // c1 u + c2 u^2 + c3 u^3 rises to start + k each, u in [0, 1]. rise: the cubic's value at 1. The piece begins at
+  // `from` and has the length `span`, as shares of the interval.
   struct Pixels {
-    V count, start, each, rise, c1, c2, c3;
+    V count, start, each, rise, c1, c2, c3, from, span;
     VU place;
   };
 
@@ -38,7 +39,7 @@ class Crossings {
   HWY_INLINE void add(const Pixels& v, std::size_t pixels) {
     const F f;
     if (HWY_UNLIKELY(pixels_ + pixels > kMostPixels)) solve();
-    const V values[kRows] = {v.start, v.each, v.rise, v.c1, v.c2, v.c3};
+    const V values[kRows] = {v.start, v.each, v.rise, v.c1, v.c2, v.c3, v.from, v.span};
     for (std::size_t row = 0; row < kRows; ++row) hn::StoreU(values[row], f, rows_[row] + pixels_);
     hn::StoreU(v.place, U32(), place_of_ + pixels_);
     hn::StoreU(hn::ConvertTo(I32(), v.count), I32(), count_ + pixels_);
@@ -64,7 +65,7 @@ class Crossings {
   }
 
  private:
-  enum Row : std::size_t { kStart, kEach, kRise, kC1, kC2, kC3, kRows };
+  enum Row : std::size_t { kStart, kEach, kRise, kC1, kC2, kC3, kFrom, kSpan, kRows };
   static constexpr std::size_t kMostPixels = 512;
   static constexpr int kNumberBits = 22;       // bits of a crossing's number within its pixel
   static constexpr std::size_t kTogether = 4;  // vectors: hides the latency of a step
@@ -78,6 +79,7 @@ class Crossings {
     std::fill_n(list_ + listed_, kTogether * lanes, list_[listed_ - 1]);  // pads the last vectors
     for (std::size_t i = 0; i < listed_; i += kTogether * lanes) {
       Halley<V> vectors[kTogether];
+      V from[kTogether], span[kTogether];
       for (std::size_t k = 0; k < kTogether; ++k) {
         // The crossings of a vector belong to at most as many pixels as lanes, stored in order.
         const std::size_t at = i + k * lanes;
@@ -89,6 +91,8 @@ class Crossings {
         const V level = hn::MulAdd(hn::ConvertTo(f, hn::BitCast(I32(), number)), of(kEach), of(kStart));
         vectors[k] =
             Halley<V>(hn::Div(level, of(kRise)), level, of(kC1), of(kC2), of(kC3), hn::Zero(f), hn::Set(f, 1.0f));
+        from[k] = of(kFrom);
+        span[k] = of(kSpan);
         const V place = hn::TableLookupLanes(hn::BitCast(f, hn::LoadU(u, place_of_ + first)), pixels);
         hn::StoreU(hn::BitCast(u, place), u, place_ + at);
       }
@@ -96,7 +100,10 @@ class Crossings {
         for (Halley<V>& v : vectors) v.step();
         if (n > 0 && std::ranges::all_of(vectors, [&](const Halley<V>& v) { return hn::AllTrue(f, v.done); })) break;
       }
-      for (std::size_t k = 0; k < kTogether; ++k) hn::StoreU(clock_.us(vectors[k].s), I32(), us_ + i + k * lanes);
+      for (std::size_t k = 0; k < kTogether; ++k) {
+        const V s = hn::MulAdd(vectors[k].s, span[k], from[k]);
+        hn::StoreU(clock_.us(s), I32(), us_ + i + k * lanes);
+      }
     }
     clock_.add(us_, place_, listed_, events_);
     listed_ = 0;
@@ -220,18 +227,49 @@ class ThresholdBlock {
     // Lists instead of branches, which would be mispredicted: changed light may or may not make events. Lists of
     // pixels, not vectors: an edge changes few lanes of a vector.
     crossings_.begin(t);
-    std::size_t active = 0;
+    const F f;
+    const std::size_t lanes = hn::Lanes(f);
+    const V h = hn::Set(f, t.h_us);
+    const std::size_t turning = list(turning_, planes_ago, [&](std::uint32_t p) {
+      const V rise = hn::Sub(hn::LoadU(f, row(i - 1) + p), hn::LoadU(f, row(i - 2) + p));
+      return may_turn(hn::Mul(h, hn::LoadU(f, slope(i - 2) + p)), hn::Mul(h, hn::LoadU(f, slope(i - 1) + p)), rise);
+    });
+    for (const Piece piece : {Piece::first, Piece::second}) {
+      std::size_t active = 0;
+      for (std::size_t k = 0; k < turning; k += lanes) {
+        const Part part = part_of(t, i, hn::LoadU(U32(), turning_ + k), piece);
+        const M within = hn::And(hn::FirstN(f, turning - k), hn::Gt(part.span, hn::Zero(f)));
+        const Compress compress(hn::And(within, crossing(part)));
+        compress.store(hn::LoadU(U32(), turning_ + k), active_ + active);
+        active += compress.count();
+      }
+      step_listed(t, active, i, piece);
+    }
+    const auto crosses = [&](std::uint32_t p) { return crossing(p, hn::LoadU(F(), row(i - 1) + p)); };
+    step_listed(t, list(active_, planes_ago, crosses), i, Piece::last);
+    crossings_.solve();
+  }
+
+  // Lists the pixels of changed light for whose vector `which` is set. Returns their number.
+  template <class Which>
+  HWY_INLINE std::size_t list(std::uint32_t* pixels, std::size_t planes_ago, const Which& which) {
+    std::size_t count = 0;
     for (std::size_t w = 0; w < planes_.words(); ++w)
       each_vector(planes_.changed(w, planes_ago), w, [&](std::uint32_t p) {
-        const Compress compress(crossing(p, hn::LoadU(F(), row(i - 1) + p)));
-        compress.store(iota(p), active_ + active);
-        active += compress.count();
+        const Compress compress(which(p));
+        compress.store(iota(p), pixels + count);
+        count += compress.count();
       });
-    while (active > 0 && active_[active - 1] >= count_) --active;  // lanes beyond the block
-    const std::size_t lanes = hn::Lanes(F());
-    std::fill_n(active_ + active, lanes, active > 0 ? active_[0] : 0);
-    for (std::size_t k = 0; k < active; k += lanes) step(t, std::span(active_ + k, std::min(lanes, active - k)), i);
-    crossings_.solve();
+    while (count > 0 && pixels[count - 1] >= count_) --count;  // lanes beyond the block
+    std::fill_n(pixels + count, hn::Lanes(F()), count > 0 ? pixels[0] : 0);
+    return count;
+  }
+
+  // False where the cubic is monotone by Fritsch & Carlson (SIAM J. Numer. Anal. 17, 1980). m0, m1: slopes at its ends.
+  static HWY_INLINE M may_turn(V m0, V m1, V rise) {
+    const F f;
+    return hn::Or(hn::Lt(hn::Min(hn::Mul(m0, rise), hn::Mul(m1, rise)), hn::Zero(f)),
+                  hn::Gt(hn::Add(hn::Abs(m0), hn::Abs(m1)), hn::Mul(hn::Set(f, 3.0f), hn::Abs(rise))));
   }
 
   // Slope of the chord from plane i to the next one.
@@ -257,37 +295,78 @@ class ThresholdBlock {
 
   static HWY_INLINE V at(const float* row, hn::Vec<I32> pixels) { return hn::GatherIndex(F(), row, pixels); }
 
-  // The interval between planes i - 2 and i - 1 for at most one vector of pixels; `active` is padded to a vector.
-  HWY_INLINE void step(const IntervalTimes& t, std::span<const std::uint32_t> active, int i) {
+  // Monotone pieces of an interval. The first two are empty where the light does not turn.
+  enum class Piece { first, second, last };
+  // A piece for a vector of pixels: where it begins, its length, ln I at its ends, and the cubic along it, from 0 on.
+  struct Part {
+    V from, span, l0, l1, reference, on, off, c1, c2, c3;
+  };
+  HWY_INLINE M crossing(const Part& part) const {
+    const V moved = hn::Sub(part.l1, part.reference);
+    return hn::Or(hn::Ge(moved, part.on), hn::Le(moved, part.off));
+  }
+
+  HWY_INLINE Part part_of(const IntervalTimes& t, int i, VU numbers, Piece piece) {
     const F f;
-    const U32 u;
-    const VU numbers = hn::LoadU(u, active.data());
     const auto pixels = hn::BitCast(I32(), numbers);
     const auto threshold_of = [&](const float* row) {
       return a_.equal_thresholds ? hn::LoadU(f, row) : at(row + first_, pixels);
     };
-    const V reference = at(a_.reference + first_, pixels), l1 = at(row(i - 1), pixels);
-    const V on = threshold_of(a_.threshold_on), off = hn::Neg(threshold_of(a_.threshold_off));
-    const V moved = hn::Sub(l1, reference);
-    const M rising = hn::Ge(moved, on);
+    const V h = hn::Set(f, t.h_us), zero = hn::Zero(f);
+    const V l0 = at(row(i - 2), pixels), l1 = at(row(i - 1), pixels);
+    const V m0 = hn::Mul(h, at(slope(i - 2), pixels)), m1 = hn::Mul(h, at(slope(i - 1), pixels));
+    const V rise = hn::Sub(l1, l0);
+    const auto q = hermite(zero, rise, m0, m1);
+    const M turn = may_turn(m0, m1, rise);
+    V first = zero, second = zero;
+    if (HWY_UNLIKELY(!hn::AllFalse(f, turn))) {
+      const auto ends = turns(q, zero);
+      first = hn::IfThenElseZero(turn, ends.first);
+      second = hn::IfThenElseZero(turn, ends.second);
+    }
+    const V from = piece == Piece::first ? zero : piece == Piece::second ? first : second;
+    const V end = piece == Piece::first ? first : piece == Piece::second ? second : hn::Set(f, 1.0f);
+    const V span = hn::Sub(end, from), span2 = hn::Mul(span, span);
+    return {from,
+            span,
+            hn::Add(l0, q.at(from)),
+            piece == Piece::last ? l1 : hn::Add(l0, q.at(end)),
+            at(a_.reference + first_, pixels),
+            threshold_of(a_.threshold_on),
+            hn::Neg(threshold_of(a_.threshold_off)),
+            hn::Mul(span, q.slope(from)),
+            hn::Mul(span2, hn::MulAdd(hn::Mul(hn::Set(f, 3.0f), q.c3), from, q.c2)),
+            hn::Mul(span2, hn::Mul(span, q.c3))};
+  }
+
+  HWY_INLINE void step_listed(const IntervalTimes& t, std::size_t active, int i, Piece piece) {
+    const std::size_t lanes = hn::Lanes(F());
+    std::fill_n(active_ + active, lanes, active > 0 ? active_[0] : 0);
+    for (std::size_t k = 0; k < active; k += lanes)
+      step(t, std::span(active_ + k, std::min(lanes, active - k)), i, piece);
+  }
+
+  // A piece of the interval for at most one vector of pixels; `active` is padded to a vector.
+  HWY_INLINE void step(const IntervalTimes& t, std::span<const std::uint32_t> active, int i, Piece piece) {
+    const F f;
+    const U32 u;
+    const VU numbers = hn::LoadU(u, active.data());
+    const Part part = part_of(t, i, numbers, piece);
+    const V moved = hn::Sub(part.l1, part.reference);
+    const M rising = hn::Ge(moved, part.on);
     // The k-th event is where the cubic has moved by k thresholds. Measured from l0, with OFF mirrored to
     // rise.
-    const V l0 = at(row(i - 2), pixels);
-    const V threshold = hn::IfThenElse(rising, on, off);
+    const V threshold = hn::IfThenElse(rising, part.on, part.off);
     const V count = hn::IfThenElseZero(hn::FirstN(f, active.size()), hn::Floor(hn::Div(moved, threshold)));
-    const V h = hn::Set(f, t.h_us), up = hn::CopySign(hn::Set(f, 1.0f), threshold), up_h = hn::Mul(up, h);
-    const V two = hn::Set(f, 2.0f), three = hn::Set(f, 3.0f);
-    const V rise = hn::Mul(up, hn::Sub(l1, l0));
-    const V c1 = hn::Mul(up_h, at(slope(i - 2), pixels));
-    const V end = hn::Mul(up_h, at(slope(i - 1), pixels));
-    const V c2 = hn::Sub(hn::Mul(three, rise), hn::MulAdd(two, c1, end));
-    const V c3 = hn::NegMulAdd(two, rise, hn::Add(c1, end));
-    const V start = hn::Mul(up, hn::Sub(reference, l0)), each = hn::Abs(threshold);
+    const V up = hn::CopySign(hn::Set(f, 1.0f), threshold);
     const VU place = hn::Or(hn::ShiftLeft<kKeyPixelShift>(hn::Add(numbers, hn::Set(u, first_))),
                             hn::IfThenElseZero(hn::RebindMask(u, rising), hn::Set(u, 1u << kKeyOnShift)));
-    crossings_.add({count, start, each, rise, c1, c2, c3, place}, active.size());
+    crossings_.add({count, hn::Mul(up, hn::Sub(part.reference, part.l0)), hn::Abs(threshold),
+                    hn::Mul(up, hn::Sub(part.l1, part.l0)), hn::Mul(up, part.c1), hn::Mul(up, part.c2),
+                    hn::Mul(up, part.c3), part.from, part.span, place},
+                   active.size());
     HWY_ALIGN float after[kLanes];
-    hn::Store(hn::MulAdd(count, threshold, reference), f, after);
+    hn::Store(hn::MulAdd(count, threshold, part.reference), f, after);
     for (std::size_t lane = 0; lane < active.size(); ++lane) a_.reference[first_ + active[lane]] = after[lane];
   }
 
@@ -297,7 +376,7 @@ class ThresholdBlock {
   std::uint32_t first_ = 0, count_ = 0;
   VectorBits<kPixels> moved_;  // at the start of a batch: where the last frame differs from the previous one
   bool any_moved_ = false;     // since then
-  std::uint32_t active_[kPixels + 2 * kLanes];
+  std::uint32_t active_[kPixels + 2 * kLanes], turning_[kPixels + 2 * kLanes];
   float l_[4][kWidth] = {}, m_[2][kWidth] = {};
 };
 
