@@ -326,8 +326,8 @@ class ActivePixels {
     const M must = hn::Or(is_due, ends_here);
     const M many = hn::And(awake, hn::Or(must, hn::Ge(expected, hn::Set(f, kFewCrossings))));
     // Straight: by what noise moves within the amplifier's time, or by time where the path crosses.
-    const V h = hn::Mul(length, hn::Set(f, t.h_us)), slow = hn::Div(1000.0f * x, hn::Add(x, y));
-    const M fine = hn::Or(hn::Le(reach.std, kStraight * a_.noise_std * sqrt(hn::Min(hn::Set(f, 1.0f), slow))),
+    const V h = hn::Mul(length, hn::Set(f, t.h_us));
+    const M fine = hn::Or(hn::Le(reach.std, kStraight * a_.noise_std * share_moved(x, y)),
                           hn::And(crosses, hn::Lt(hn::Mul(reach.std, h), hn::Mul(hn::Set(f, kStraight_us), rise))));
     const M full = hn::Or(hn::RebindMask(f, hn::Gt(later, hn::Set(u32, kDepth - 3))),
                           hn::Le(hn::Sub(to, from), hn::Mul(hn::Set(f, kShortest), to)));

@@ -159,6 +159,14 @@ PECS_INLINE NoiseReach<T> noise_reach(T x, T y, T std_of_n) {
           sqrt(neg_mul_add(bow, bow, one)), min(share, 0.15f * y)};
 }
 
+// What noise moves within some of the amplifier's times, of its standard deviation: 1 unless the light is dim. For x of
+// 0 and infinity, too.
+template <class T>
+PECS_INLINE T share_moved(T x, T y) {
+  const T one = number<T>(1), square = number<T>(1000) / (one + y / x);
+  return select(square < one, sqrt(square), one);
+}
+
 // Upper bound of the expected number of crossings of a level at `distance` from what the mean reaches (Rice, Bell Syst.
 // Tech. J. 24, 1945, between two known states; tests/sensor/exact_pixel_test.cpp), at most kManyCrossings: not small.
 // slope: the largest of the light's part towards the level, times the time.
