@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <string_view>
 #include <utility>
 
 #include "pecs/error.h"
@@ -94,6 +95,11 @@ std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
   if (text.empty() && dynamic_cast<const CLI::RequiredError*>(&error) && command.get_require_subcommand_min() > 0)
     text = fmt::format("the command is missing; use one of {}", fmt::join(names_of_commands(command), ", "));
   if (text.empty()) text = error.what();
+  // CLI11: a number with a decimal point or an exponent for an integer, "Could not convert: --t-start = 1e3".
+  constexpr std::string_view kConversion = "Could not convert: ";
+  if (const auto equals = text.find(" = "); text.starts_with(kConversion) && equals != std::string::npos)
+    text = fmt::format("{}: got {}, wanted a whole number",
+                       text.substr(kConversion.size(), equals - kConversion.size()), text.substr(equals + 3));
   std::ranges::replace(text, '\n', ' ');
   return prefix(command) + text;
 }

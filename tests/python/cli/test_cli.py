@@ -87,6 +87,13 @@ def test_a_wrong_unit_is_one_line(pecs_program, text):
         Quantity("us")(text)
 
 
+@pytest.mark.parametrize("text", ["1e3", "0.5", "1.5us", "1ns"])
+def test_fractions_of_whole_units_are_named(pecs_program, text):
+    result = pecs_program("convert", "x.raw", "y.raw", "--t-start", text)
+    assert result.returncode == 2
+    assert re.fullmatch(r"pecs: convert: --t-start: got [0-9.e]+, wanted a whole number\n", result.stderr)
+
+
 @pytest.fixture(scope="module")
 def helps(root):
     """Command -> its --help, `pecs` and `pecs_blender` alike."""
