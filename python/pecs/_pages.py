@@ -61,7 +61,7 @@ def plot(x: Any, lines: Mapping[str, Any], labels: tuple[str, str], small: bool 
 
 
 def row(nodes: Iterable[Node]) -> Node:
-    """Nodes beside each other."""
+    """Nodes side by side."""
     return ["div", {"class": "row"}, *nodes]
 
 

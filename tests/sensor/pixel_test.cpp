@@ -86,7 +86,8 @@ TEST(Pixel, TurningLightHasTheEventsOfPixelsWithAState) {
     ASSERT_EQ(of_pixel.size(), b[x].size()) << "x " << x;
     for (std::size_t i = 0; i < of_pixel.size(); ++i) {
       EXPECT_EQ(of_pixel[i].p, b[x][i].p);
-      EXPECT_NEAR(static_cast<double>(of_pixel[i].t_us), static_cast<double>(b[x][i].t_us), 200) << x;  // where light is slow: cubic.h
+      // Where light is slow: cubic.h.
+      EXPECT_NEAR(static_cast<double>(of_pixel[i].t_us), static_cast<double>(b[x][i].t_us), 200) << x;
     }
   }
 }

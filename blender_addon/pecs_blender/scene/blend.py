@@ -15,7 +15,7 @@ from .outside_files import missing_files
 from .source import Source
 
 MOST_NAMES = 5  # in a note
-ORIGINAL = "pecs_original"  # link beside a temporary copy, to the original's folder
+ORIGINAL = "pecs_original"  # link in the folder of a temporary copy, to the original's folder
 
 
 class BlendScene(Source):

@@ -402,7 +402,7 @@ void add_configuration(Json& page, const Inputs& m) {
   const auto record = [](const EventFile& file) { return file.path.filename().string() + ".run.json"; };
   if (m.sim)
     page.push_back(m.sim->run.is_object() ? details("Simulation: " + record(*m.sim), m.sim->run)
-                                          : missing("The simulation has no run record beside it."));
+                                          : missing("The simulation has no run record."));
   if (m.real && m.real->run.is_object()) page.push_back(details("Recording: " + record(*m.real), m.real->run));
   if (m.stack) {
     Json shortened = m.stack->json;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -198,16 +199,17 @@ def reconstruct(
         make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
         if isinstance(make, Network) and method not in (None, make.kind):
             raise bad_input(chosen or source, "network", make.kind, f"{method}, as --method says")
-        events = 0
+        found, events = windows(reader, 1e6 / fps), 0
+        first = next(found, None)  # a recording that has none leaves no unfinished video
+        if first is None:
+            raise PecsInputError(f"{source}: the file has no events")
         with VideoWriter(output, width, height, playback_fps or fps) as video:
-            for window in windows(reader, 1e6 / fps):
+            for window in chain([first], found):
                 _inside(source, window.events, width, height)
                 events += len(window.events)
                 video.write(np.round(255 * make(window)).astype(np.uint8))
                 if progress:
                     progress(video.count)
-            if not events:
-                raise PecsInputError(f"{source}: the file has no events")
             return {
                 "source": str(source),
                 "method": make.kind,

@@ -97,7 +97,13 @@ def test_arrays_of_others(events):
     assert np.array_equal(pecs.event_histogram(other[::2], W, H), pecs.event_histogram(events[::2], W, H))
     read_only = np.broadcast_to(np.float32(0), (3, H, W)).copy()
     read_only.flags.writeable = False
-    for bad in (read_only, out[:2], out.astype(float), out.transpose(1, 2, 0), np.zeros((3, H, 2 * W), np.float32)[:, :, ::2]):
+    for bad in (
+        read_only,
+        out[:2],
+        out.astype(float),
+        out.transpose(1, 2, 0),
+        np.zeros((3, H, 2 * W), np.float32)[:, :, ::2],
+    ):
         with pytest.raises(ValueError, match="out: got"):
             pecs.voxel_grid(events, W, H, 3, out=bad)
 

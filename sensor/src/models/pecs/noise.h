@@ -159,8 +159,8 @@ PECS_INLINE NoiseReach<T> noise_reach(T x, T y, T std_of_n) {
           sqrt(neg_mul_add(bow, bow, one)), min(share, 0.15f * y)};
 }
 
-// What noise moves within some of the amplifier's times, of its standard deviation: 1 unless the light is dim. For x of
-// 0 and infinity, too.
+// The share of its standard deviation that noise moves within some of the amplifier's times: 1 unless the light is dim.
+// Also for x = 0 and infinity.
 template <class T>
 PECS_INLINE T share_moved(T x, T y) {
   const T one = number<T>(1), square = number<T>(1000) / (one + y / x);
