@@ -8,11 +8,10 @@
 #include <string>
 
 // In the order of --help.
-#define PECS_COMMANDS(X)                                                                                       \
-  X(align)                                                                                                     \
-  X(bands)                                                                                                     \
-  X(board) X(chip) X(compare) X(convert) X(info) X(lens) X(render_preview) X(report) X(sense) X(video) X(view) \
-      X(python)
+#define PECS_COMMANDS(X) \
+  X(align)               \
+  X(bands)               \
+  X(board) X(chip) X(compare) X(convert) X(info) X(lens) X(render_preview) X(report) X(sense) X(video) X(view) X(python)
 
 namespace pecs::app {
 

@@ -20,8 +20,8 @@
 #include <vector>
 
 #include "measure.h"
-#include "pecs/sensor/sensor.h"
 #include "pecs/platform.h"
+#include "pecs/sensor/sensor.h"
 
 namespace {
 

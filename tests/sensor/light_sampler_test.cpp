@@ -8,9 +8,9 @@
 #include <cmath>
 #include <vector>
 
-#include "sense/feed.h"
 #include "pecs/error.h"
 #include "pecs/sensor/motion.h"
+#include "sense/feed.h"
 
 namespace pecs::sensor {
 namespace {

@@ -52,8 +52,8 @@ std::size_t write_page(const events::Recording& recording, const std::filesystem
                      {"on_fraction", static_cast<double>(on) / static_cast<double>(recording.events.size())}};
   write_file(path,
              framed("Events: " + recording.name, fill_template(kEvents3d, {{"title", html_escaped(recording.name)},
-                                                                                {"meta", text_of(meta)},
-                                                                                {"events", base64(packed)}})));
+                                                                           {"meta", text_of(meta)},
+                                                                           {"events", base64(packed)}})));
   return packed.size() / 8;
 }
 

@@ -111,9 +111,10 @@ std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path
   if (o.has("hot_pixels")) {
     map.hot_pixels.emplace();
     for (const Json& entry : o.any("hot_pixels")) {
-      if (!entry.is_array() || entry.size() != 3 || !std::ranges::all_of(entry, [](const Json& v) {
-            return v.is_number() && v.get<double>() >= 0 && v.get<double>() <= 1e4;
-          }) || !is_whole(entry[0].get<double>()) || !is_whole(entry[1].get<double>()))
+      if (!entry.is_array() || entry.size() != 3 ||
+          !std::ranges::all_of(
+              entry, [](const Json& v) { return v.is_number() && v.get<double>() >= 0 && v.get<double>() <= 1e4; }) ||
+          !is_whole(entry[0].get<double>()) || !is_whole(entry[1].get<double>()))
         o.fail("hot_pixels", entry.dump(), "[x, y, Hz], x and y whole");
       map.hot_pixels->push_back({entry[0].get<int>(), entry[1].get<int>(), entry[2].get<double>()});
     }
@@ -174,8 +175,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     const auto value = number_from<double>(std::string_view(text).substr(equals + 1));
     const Value& of = *std::ranges::find(kValues, key, &Value::key);
     if (!value || !is_allowed(of, *value, known->second))
-      throw Error(ExitCode::usage, fmt::format("--set {}: got {}, wanted {}", key, text.substr(equals + 1),
-                                               allowed(of, known->second)));
+      throw Error(ExitCode::usage,
+                  fmt::format("--set {}: got {}, wanted {}", key, text.substr(equals + 1), allowed(of, known->second)));
     chip.*of.member = *value;
   }
   apply_biases(chip, biases, overrides);
