@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ import pecs
 from pecs import _arguments
 from pecs._arguments import Quantity, account
 from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, one_line
+from pecs._platform import discard
 from pecs._progress import report
 
 from . import stop
@@ -43,7 +43,7 @@ def write_out(text: str) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
     except OSError as e:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the rest of the buffer must not fail again at exit
+        discard(1)  # the rest of the buffer must not fail again at exit
         raise PecsOutputError(f"standard output: cannot be written: {e.strerror}") from None
 
 

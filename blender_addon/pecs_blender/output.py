@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pecs
 from pecs._errors import PecsError, PecsOutputError
-from pecs._files import take_lock
+from pecs._platform import lock_bytes
 
 
 def as_written(light: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class Output:
     def _locked(self, path: Path, frames: slice) -> BinaryIO:
         """stack.json, open and locked. Byte i stands for frame i; slice(0, 0): all bytes."""
         file = path.open("r+b")
-        if not take_lock(file.fileno(), frames.start, frames.stop - frames.start):
+        if not lock_bytes(file.fileno(), frames.start, frames.stop - frames.start):
             file.close()
             raise PecsOutputError(
                 f"{self.folder}: another process renders these frames; use another folder, or other frames (--only)"

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import sys
 import threading
 from pathlib import Path
 from typing import NoReturn
+
+from pecs import _platform
 
 GRACE_S = 2.0  # for the current pass
 
@@ -26,27 +27,18 @@ class Stopped(Exception):
 def install() -> None:
     """Call in the main thread, before Blender is loaded."""
     stderr = os.dup(2)  # 2 is redirected at times
-    signals, waker = os.pipe()
-    os.set_blocking(waker, False)
-    signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
-    threading.Thread(target=_watch, args=(signals, stderr), daemon=True).start()
+    _platform.raise_nothing_when_stopped()
+    _platform.watch_stops(lambda number: _stopped(number, stderr))
 
 
-def _watch(signals: int, stderr: int) -> None:
+def _stopped(number: int, stderr: int) -> None:
     global _signal
-    _signal = _next(signals)
-    second = threading.Thread(target=_next, args=(signals,), daemon=True)
-    second.start()
-    second.join(GRACE_S)
-    leave(stderr)
-
-
-def _next(signals: int) -> int:
-    while (number := os.read(signals, 1)[0]) not in (signal.SIGINT, signal.SIGTERM):
-        pass
-    return number
+    if _signal is not None:
+        leave(stderr)
+    _signal = number
+    grace = threading.Timer(GRACE_S, leave, [stderr])
+    grace.daemon = True
+    grace.start()
 
 
 def check() -> None:

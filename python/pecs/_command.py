@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NoReturn
 
+from . import _platform
 from ._arguments import Parser, account
 from ._errors import ExitCode, PecsError, one_line
 
@@ -20,7 +19,7 @@ GRACE_S = 10.0  # for what a command does when it is stopped
 
 def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
     """Runs a command and returns its exit code."""
-    signal.signal(signal.SIGTERM, _terminated)
+    _platform.exit_when_terminated()
     begin = time.monotonic()
     try:
         args = parser.parse_args(argv)
@@ -49,25 +48,10 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
 def _ended_by_signals() -> Iterator[None]:
     """Python handles a signal when it runs again. If a library, such as a network with an endless loop, does not return
     within GRACE_S, a thread ends the process."""
-    signals, waker = os.pipe()
-    os.set_blocking(waker, False)
     over = threading.Event()
-
-    def watch() -> None:
-        with os.fdopen(signals, "rb", buffering=0) as stream:
-            while number := stream.read(1):
-                if number[0] in (signal.SIGINT, signal.SIGTERM) and not over.wait(GRACE_S):
-                    os._exit(128 + number[0])
-
-    before = signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
-    threading.Thread(target=watch, daemon=True).start()
+    end = _platform.watch_stops(lambda number: over.wait(GRACE_S) or os._exit(128 + number))
     try:
         yield
     finally:
         over.set()
-        signal.set_wakeup_fd(before)
-        os.close(waker)
-
-
-def _terminated(number: int, frame: object) -> NoReturn:
-    raise SystemExit(ExitCode.TERMINATED)
+        end()

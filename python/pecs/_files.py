@@ -7,19 +7,17 @@ a folder, `check_outputs` before a command begins. The program writes videos.
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import hashlib
 import json
 import os
 import shutil
 import stat
-import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from . import _platform
 from ._errors import PecsError, PecsNotFoundError, PecsOutputError, UsageError, bad_input
 
 FRAME_ENDINGS = (".json", ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm")
@@ -131,67 +129,26 @@ def _file_behind(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
-def take_lock(descriptor: int, first: int = 0, count: int = 0) -> bool:
-    """Locks bytes of an open file (count 0: all), also behind its end; False if another process holds one of them. The
-    lock belongs to the open file: a POSIX record lock would end when this process closes any other descriptor of the
-    file. A file system without locks locks nothing."""
-    lock = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, first, count, 0)  # struct flock
-    try:
-        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, lock)
-    except OSError as e:
-        return e.errno not in (errno.EAGAIN, errno.EACCES)
-    return True
-
-
-def _locked(name: Path, path: Path, busy: PecsOutputError | None = None) -> int:
-    """Opens a file without following a link, and locks it; its content stays. Raises `busy` if another process holds
-    the lock, and PecsOutputError about `path`."""
-    while True:
-        try:
-            # O_NONBLOCK: opening a pipe does not block.
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
-            fd = os.open(name, flags, 0o666)
-        except OSError as e:
-            is_link = e.errno == errno.ELOOP and name.is_symlink()
-            raise (_refused(path, f"{name} is a symbolic link") if is_link else e) from None
-        try:
-            opened = os.fstat(fd)
-            if not stat.S_ISREG(opened.st_mode):
-                raise _refused(path, f"{name} is not a regular file")
-            if not take_lock(fd):
-                raise busy or _refused(path, "another process is writing it")
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.lstat(name), opened):
-                    return fd
-        except BaseException:
-            os.close(fd)
-            raise
-        os.close(fd)  # another process renamed or removed it between open and lock
-
-
 @contextmanager
 def whole(path: Path) -> Iterator[BinaryIO]:
     """Opens a file for writing. It gets its name when the block ends without an exception and all data are on disk. A
     pipe or a device is written directly. Creates the folder. Raises PecsOutputError."""
     with _writing(path):
         if is_stream(path):
-            with os.fdopen(os.open(path, os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC), "wb") as file:
+            with _platform.open_stream(path) as file:
                 yield file
             return
         path.parent.mkdir(parents=True, exist_ok=True)
         target = _file_behind(path)
         partial = partial_path(target)
-        fd = _locked(partial, path)
+        fd = _platform.claim(partial, path)
         try:
             os.ftruncate(fd, 0)
             with os.fdopen(os.dup(fd), "wb") as file:
                 yield file
-            os.fsync(fd)
-            partial.rename(target)
+            _platform.rename_complete(fd, partial, target)
         finally:
-            with suppress(OSError):  # the lock is still held, so a file of this name is ours
-                if os.path.samestat(os.lstat(partial), os.fstat(fd)):
-                    partial.unlink()
+            _platform.remove_claimed(fd, partial)
             os.close(fd)
 
 
@@ -245,7 +202,7 @@ def _own_folder(partial: Path, path: Path) -> int:
             ours = not partial.is_symlink() and ((partial / MARK).is_file() or not any(partial.iterdir()))
             if not ours:
                 raise _refused(path, f"{partial} exists and is not of PECS; remove or rename it")
-            return _locked(partial / MARK, path)
+            return _platform.claim(partial / MARK, path)
 
 
 @contextmanager
@@ -253,7 +210,10 @@ def lock_file(name: Path, path: Path, busy: PecsOutputError | None = None) -> It
     """Holds a lock file for the output `path`. It stays: a process that has opened a removed file would lock nothing.
     Raises `busy`, and PecsOutputError about `path`."""
     with _writing(path):
-        fd = _locked(name, path, busy)
+        try:
+            fd = _platform.claim(name, path)
+        except BlockingIOError as e:
+            raise busy or e from None
     try:
         yield
     finally:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ._errors import KINDS, PecsError, UsageError, bad_input
+from ._platform import library_file
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -27,14 +28,15 @@ class _CError(ctypes.Structure):
 
 def _find() -> Path:
     here = Path(__file__).resolve().parent
-    tried = [here / "_lib" / "libpecs.so"]  # installed wheel
+    file = library_file("pecs")
+    tried = [here / "_lib" / file]  # installed wheel
     if "PECS_LIBRARY" in os.environ:
         tried.insert(0, Path(os.environ["PECS_LIBRARY"]))
-    tried += [here.parents[1] / "build" / preset / "lib" / "libpecs.so" for preset in ("release", "dev")]  # checkout
+    tried += [here.parents[1] / "build" / preset / "lib" / file for preset in ("release", "dev")]  # checkout
     for path in tried:
         if path.is_file():
             return path
-    raise ImportError("libpecs.so not found; looked at " + ", ".join(map(str, tried)) + " (scripts/setup.sh builds it)")
+    raise ImportError(f"{file} not found; looked at " + ", ".join(map(str, tried)) + " (scripts/setup.sh builds it)")
 
 
 def _load(path: Path) -> ctypes.CDLL:
@@ -57,14 +59,14 @@ def _library() -> ctypes.CDLL:
 def _load_blender_tbb() -> None:
     """Loads oneTBB of the module bpy, if this Python has one that is not imported yet.
 
-    A checkout's libpecs and bpy both require a libtbb.so.12, and the dynamic linker gives both the first one that the
+    A checkout's libpecs and bpy both require version 12 of libtbb; the dynamic linker gives both the first one that the
     process loads. bpy fails with one older than its own, so its own is used in either order of imports. (Wheels contain
     oneTBB under another name.)
     """
     if "bpy" in sys.modules or not (spec := importlib.util.find_spec("bpy")):
         return
     for folder in spec.submodule_search_locations or ():
-        if (tbb := Path(folder, "lib", "libtbb.so.12")).is_file():
+        if (tbb := Path(folder, "lib", library_file("tbb", "12"))).is_file():
             ctypes.CDLL(str(tbb))
 
 

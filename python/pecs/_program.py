@@ -6,6 +6,8 @@ import os
 import sys
 from pathlib import Path
 
+from ._platform import become
+
 
 def program() -> Path:
     """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout. Raises FileNotFoundError if there is
@@ -28,6 +30,6 @@ def main() -> None:
     try:
         path = program()
         os.environ.setdefault("PECS_PYTHON", sys.executable)
-        os.execv(path, ["pecs", *sys.argv[1:]])
+        become([os.path.abspath(path), *sys.argv[1:]])
     except OSError as e:
         sys.exit(f"pecs: {e}")

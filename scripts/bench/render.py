@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import bpy
-from pecs_blender.job.resources import resident_mb
+from pecs._platform import resident_mb
 from pecs_blender.scene import cycles
 from pecs_blender.scene.folder import FolderScene
 from pecs_blender.scene.scene_file import load_scene

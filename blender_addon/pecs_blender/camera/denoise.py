@@ -9,13 +9,13 @@ composed of parts. Guides are not filtered first: with 4 samples per pixel of sc
 from __future__ import annotations
 
 import ctypes
-import os
 
 import bpy
 import numpy as np
 from pecs._errors import ExitCode, PecsError
+from pecs._platform import library_file, loaded_library
 
-_LIBRARY = "libOpenImageDenoise.so.2"
+_LIBRARY = library_file("OpenImageDenoise", "2")
 _CPU, _FLOAT3 = 1, 3  # OIDN_DEVICE_TYPE_CPU, OIDN_FORMAT_FLOAT3
 _FAST, _HIGH = 4, 6  # OIDN_QUALITY
 _MEMORY_MB = 3000  # decides the tiles and so the last bits of the result: the same on every machine
@@ -26,7 +26,7 @@ CHANNELS = 3  # of each guide
 def _library() -> ctypes.CDLL:
     """The copy that this process has loaded with Blender."""
     try:
-        library = ctypes.CDLL(_LIBRARY, mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+        library = loaded_library(_LIBRARY)
     except OSError:
         raise PecsError(
             f"Blender {bpy.app.version_string} has no {_LIBRARY}: use blender.org's or `pip install bpy` "

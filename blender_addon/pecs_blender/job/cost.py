@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import time
 
+from pecs._platform import resident_mb
 from pecs._progress import report
 
 from ..adaptive.frames import SHARED
 from ..scene import cycles
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
-from .resources import peak_mb, readable
+from .resources import readable
 from .stack import Render, due, times_s
 
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a time
@@ -21,7 +22,7 @@ def print_cost(job: Render) -> None:
     stage, keyframes = job.stage, job.keyframes
     needed_bytes, count = job.needed_bytes(), len(job.instants.times_ns)
     held = ADAPTIVE_PICTURES if keyframes else UNIFORM_PICTURES
-    memory_bytes = peak_mb() * 1e6 + held * needed_bytes / max(1, len(job.wanted))
+    memory_bytes = resident_mb(peak=True) * 1e6 + held * needed_bytes / max(1, len(job.wanted))
     if keyframes:
         each_s, each_bytes = _keyframe_cost(job)
         disk_bytes, about = each_bytes * len(job.wanted), "about"

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from typing import NoReturn
 
-from pecs import program
+from pecs import _platform, program
 from pecs._errors import PecsNotFoundError
 
 from .. import stop
@@ -54,6 +54,6 @@ def become(command: list[str]) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     try:
-        os.execvp(command[0], command)
+        _platform.become(command)
     except OSError as e:
         raise PecsNotFoundError(f"{command[0]}: {e.strerror}") from None

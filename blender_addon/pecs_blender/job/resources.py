@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pecs._errors import PecsOutputError
 from pecs._files import existing_folder
+from pecs._platform import resident_mb
 
 BYTES_PER_VALUE = 4  # upper bound of a frame file, before compression
 RESTART_GROWTH_MB = 1000.0  # growth of memory at which the process restarts
@@ -39,7 +40,7 @@ def check_disk(folder: Path, needed_bytes: int) -> None:
     if not place.is_dir():
         return  # the writer reports the error
     disk = shutil.disk_usage(place)
-    if disk.total and disk.free < needed_bytes:  # total 0: /proc; the writer reports the error
+    if disk.total and disk.free < needed_bytes:  # total 0: no disk; the writer reports the error
         raise PecsOutputError(
             f"{folder}: disk: got {readable(disk.free)} free, wanted {readable(needed_bytes)} for the frames to render"
         )
@@ -48,21 +49,3 @@ def check_disk(folder: Path, needed_bytes: int) -> None:
 def readable(size_bytes: float) -> str:
     unit, factor = next(((u, f) for u, f in (("TB", 1e12), ("GB", 1e9)) if size_bytes >= f), ("MB", 1e6))
     return f"{size_bytes / factor:.3g} {unit}"
-
-
-def resident_mb() -> float:
-    """This process's resident memory; 0 without /proc."""
-    return _memory_mb("VmRSS")
-
-
-def peak_mb() -> float:
-    """The peak of resident_mb()."""
-    return _memory_mb("VmHWM")
-
-
-def _memory_mb(name: str) -> float:
-    try:
-        text = Path("/proc/self/status").read_text()
-    except OSError:
-        return 0.0
-    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith(name)), 0.0)

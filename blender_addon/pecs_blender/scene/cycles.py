@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 from pecs._errors import ExitCode, PecsError
+from pecs._platform import discarded
 
 from .. import stop
 
@@ -178,18 +178,11 @@ sys.unraisablehook = _no_engine_traceback
 def quiet(*descriptors: int):
     """Discards what Blender prints to the C stdout for every frame, and to further `descriptors`."""
     sys.stdout.flush()
-    null = os.open(os.devnull, os.O_WRONLY)
-    saved = {fd: os.dup(fd) for fd in (1, *descriptors)}
-    for fd in saved:
-        os.dup2(null, fd)
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        for fd, copy in saved.items():
-            os.dup2(copy, fd)
-            os.close(copy)
-        os.close(null)
+    with discarded(1, *descriptors):
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
 
 
 class Film:

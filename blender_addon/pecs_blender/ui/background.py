@@ -9,9 +9,7 @@ BackgroundJob, and a line in panel.py; describe it in docs/start/panel.md. Progr
 from __future__ import annotations
 
 import os
-import re
 import shutil
-import signal
 import subprocess
 import threading
 import time
@@ -21,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from pecs._child import mortal
 from pecs._errors import ExitCode
+from pecs._platform import die_with_parent, end_of
 from pecs._progress import status_of
 
 from . import disk
@@ -33,6 +31,7 @@ STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two b
 COPIES = "pecs_copy_"  # prefix of the folders of copies that jobs render
 READ_S = 2.0  # timeout for the remaining output of a process that has ended
 MAX_LINES = 10_000  # kept of standard output
+PROGRAMS = ("pecs", "pecs_blender")  # how a line with an error begins
 
 
 def clock(seconds: float) -> str:
@@ -64,7 +63,7 @@ class BackgroundJob:
         self._start = time.monotonic()
         pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         environment = os.environ | {"PECS_PROGRESS": "json"}
-        command = mortal(self.command)  # no job survives its Blender
+        command = die_with_parent(self.command)  # no job survives its Blender
         self._process = subprocess.Popen(command, env=environment, text=True, errors="replace", **pipes)
         readers = ((self._read, self._process.stderr), (self._read_answer, self._process.stdout))
         self._readers = [threading.Thread(target=read, args=(stream,), daemon=True) for read, stream in readers]
@@ -76,10 +75,9 @@ class BackgroundJob:
             if status := status_of(line):
                 self._take_status(status)
                 continue
-            if re.match(r"\w+: \d+/\d+", line):  # progress
-                continue
-            if match := re.match(r"pecs\w*: (.*)", line):  # an error; later lines of Blender do not replace it
-                self._error = match[1]
+            program, colon, message = line.strip().partition(": ")
+            if colon and program in PROGRAMS:  # an error; later lines of Blender do not replace it
+                self._error = message
             self.last_line = self._error or line.strip() or self.last_line
 
     def _take_status(self, status: dict) -> None:
@@ -218,10 +216,8 @@ def _ending(job: BackgroundJob, code: int) -> str:
     if job.is_stopping and code in STOPPED:
         text = "Stopped at {step}. Press {job} to resume" if job.continues else "Stopped at {step}"
         return text.format(step=job.step, job=job.label)
-    if number := -code if code < 0 else max(0, code - 128):
-        text = "{job} was ended by signal {number} ({name}). Finished frames are kept"
-        text = text if job.continues else "{job} was ended by signal {number} ({name})"
-        return text.format(job=job.label, number=number, name=signal.strsignal(number) or "?")
+    if end := end_of(code):
+        return f"{job.label} was ended by {end}" + ". Finished frames are kept" * job.continues
     line = job.last_line.partition("; --")[0]  # without the hint of command-line options
     return line or f"{job.label} ended with code {code}"
 

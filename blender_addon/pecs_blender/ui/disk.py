@@ -44,7 +44,7 @@ def forget() -> None:
 
 
 class Place(NamedTuple):
-    """The nearest folder that exists; free: bytes on its disk, None in /proc."""
+    """The nearest folder that exists; free: bytes on its disk, None where there is none."""
 
     path: Path
     is_folder: bool

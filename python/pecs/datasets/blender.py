@@ -5,20 +5,17 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
-from .._child import mortal
 from .._errors import PecsError
+from .._platform import die_with_parent, end_of, has_crashed
 from .._progress import status_of
 
 CHECKOUT = Path(__file__).resolve().parents[3]
-# Blender 4.5 crashed in one of thousands of renders, in the update of its dependency graph.
-CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
 FAULT = 64
 READ = f"""import json, sys
 from importlib.util import find_spec
@@ -49,17 +46,17 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
     python, environment = _python()
     path = folder / log
     path.parent.mkdir(parents=True, exist_ok=True)
-    command = mortal([python, "-m", "pecs_blender", *map(str, words)])
+    command = die_with_parent([python, "-m", "pecs_blender", *map(str, words)])
     for _ in range(2):
         with path.open("a", encoding="utf-8") as out:
             streams = {"stdout": out, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
             text = {"encoding": "utf-8", "errors": "replace"}
             with subprocess.Popen(command, env=environment, cwd=folder, **text, **streams) as process:
                 code, last = _watched(process, out, tell)
-        if -code not in CRASHES:
+        if not has_crashed(code):  # as Blender 4.5 in one of thousands of renders, in its dependency graph
             break
     if code:
-        said = last if code > 0 else f"the renderer was ended by {signal.Signals(-code).name}"
+        said = last if code > 0 else f"the renderer was ended by {end_of(code)}"
         raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
 
 

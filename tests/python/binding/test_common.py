@@ -8,10 +8,11 @@ import sys
 import time
 
 import pytest
-from pecs import PecsInputError, PecsNotFoundError, PecsOutputError, _child
+from pecs import PecsInputError, PecsNotFoundError, PecsOutputError
 from pecs._config import Fields, parse_json, read_json, read_toml
 from pecs._errors import ExitCode, PecsError, bad_input, one_line
 from pecs._files import whole, write_json
+from pecs._platform import die_with_parent
 from pecs._progress import Progress
 
 
@@ -103,8 +104,8 @@ signal.signal(signal.SIGTERM, end)
 print("ready", flush=True)
 time.sleep(60)"""
     parent = f"""import subprocess, sys, time
-from pecs._child import mortal
-child = subprocess.Popen(mortal([sys.executable, "-c", {child!r}, sys.argv[1]]), stdout=subprocess.PIPE)
+from pecs._platform import die_with_parent
+child = subprocess.Popen(die_with_parent([sys.executable, "-c", {child!r}, sys.argv[1]]), stdout=subprocess.PIPE)
 child.stdout.readline()
 print(child.pid, flush=True)
 time.sleep(60)"""
@@ -120,10 +121,10 @@ time.sleep(60)"""
 
 
 def test_a_child_has_the_command_s_exit_code(tmp_path):
-    assert subprocess.run(_child.mortal([sys.executable, "-c", "raise SystemExit(7)"])).returncode == 7
-    missing = subprocess.run(_child.mortal([tmp_path / "no"]), capture_output=True, text=True)
+    assert subprocess.run(die_with_parent([sys.executable, "-c", "raise SystemExit(7)"])).returncode == 7
+    missing = subprocess.run(die_with_parent([tmp_path / "no"]), capture_output=True, text=True)
     assert missing.returncode == 3 and missing.stderr == f"pecs: {tmp_path}/no: No such file or directory\n"
-    orphan = _child.mortal([sys.executable, "-c", "open('x')"])
+    orphan = die_with_parent([sys.executable, "-c", "open('x')"])
     orphan[3] = "1"  # the parent that it was started by
     assert subprocess.run(orphan).returncode == 128 + signal.SIGTERM
 
@@ -144,7 +145,7 @@ sys.exit(_command.answer(_command.Parser(prog="pecs test"), run, []))"""
             [sys.executable, "-c", command.format(digits=digits)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
         ) as process:
             process.stdout.readline()
-            time.sleep(0.3)  # it is in the library now
+            time.sleep(0.1)  # it is in the library now
             begin = time.monotonic()
             process.send_signal(sent)
             assert process.wait(60) == code

@@ -15,7 +15,7 @@ def run(code, *arguments):
 
 def test_import_loads_neither_numpy_nor_the_library():
     code = """import sys, pecs
-from pecs import PecsError, _arguments, _child, _command, _config, _errors, _files, _progress, program
+from pecs import PecsError, _arguments, _command, _config, _errors, _files, _platform, _progress, program
 assert not {"numpy", "scipy", "ctypes"} & set(sys.modules), sorted(sys.modules)
 from pecs.stack import StackWriter
 loaded = lambda: "libpecs" in open("/proc/self/maps").read()

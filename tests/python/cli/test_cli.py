@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pecs
 import pytest
-from pecs import _command, demo
+from pecs import _command, _platform, demo
 from pecs._arguments import Parser, Quantity
 from pecs._progress import Line, Progress
 from support import load_script, small_stacks
@@ -180,7 +180,7 @@ def test_a_reader_that_goes_away_is_named(monkeypatch, capsys):
     def run(args):
         raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 
-    monkeypatch.setattr(_command.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(_platform, "exit_when_terminated", lambda: None)
     assert _command.answer(Parser(prog="pecs demo"), run, []) == 5
     assert capsys.readouterr().err == "pecs: standard output: Broken pipe\n"
 

@@ -145,7 +145,7 @@ def test_a_renderer_that_crashes_is_started_once_more(tmp_path, monkeypatch, cra
         blender("--help", folder=tmp_path, log="a.log")
         assert "usage: pecs_blender" in (tmp_path / "a.log").read_text()
     else:
-        with pytest.raises(pecs.PecsError, match=r"the renderer was ended by SIGSEGV \(.*a\.log\)"):
+        with pytest.raises(pecs.PecsError, match=r"was ended by signal 11 \(Segmentation fault\) \(.*a\.log\)"):
             blender("--help", folder=tmp_path, log="a.log")
     assert count.read_text() == "start\nstart\n"
 

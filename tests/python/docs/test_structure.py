@@ -144,6 +144,24 @@ def test_platform_headers_stay_in_one_room():
     assert found == {"common/src/platform.cpp", "common/src/platform_files.cpp"}
 
 
+OF_SYSTEM = re.compile(
+    r"^\s*(?:import|from) (?:fcntl|grp|mmap|msvcrt|pty|pwd|resource|select|signal|termios|winreg)\b"
+    r"|\bos\.(?:fork|exec|kill|spawn|wait|pipe|dup2|set[a-z]*id|sysconf|sched_|O_|RTLD_)|\b(?:sys\.platform|os\.name)\b"
+    r"|CDLL\(None|\bprctl\b|\bmkstemp\b|\bpreexec_fn\b|\bstart_new_session\b|\.(?:so|dll|dylib)\b|/proc\b",
+    re.MULTILINE,
+)
+
+
+def test_the_system_stays_in_one_room_of_python():
+    """The same of the package and of the extension: pecs/_platform.py."""
+    examples = "import signal|from fcntl import fcntl|ctypes.CDLL(None)|os.fork()|os.execvp(a, b)|os.killpg(1, 2)"
+    examples += "|libc.prctl(1)|tempfile.mkstemp()|Path('/proc/self/status')|import resource|os.O_NOFOLLOW|'libpecs.so'"
+    assert all(OF_SYSTEM.search(line) for line in examples.split("|"))
+    assert not OF_SYSTEM.search("from scipy.signal import lfilter")
+    found = [p for folder in ("python/pecs", ADD_ON) for p in sources(".py", under=folder)]
+    assert [name_of(p) for p in found if OF_SYSTEM.search(p.read_text())] == ["python/pecs/_platform.py"]
+
+
 def imported(path):
     """Top names of all modules that the file imports."""
     names = set()

@@ -83,7 +83,7 @@ from pathlib import Path
 from pecs_blender.ui import background, operators
 
 lines = ['{"progress": "motion", "done": 8, "total": 9}', '{"progress": "sense", "done": 1, "total": 4, "left_s": 3.2}',
-    "render: 3/4, 1 s left", '{"folder": "/s_002"}', "{no JSON", "pecs: stack.json: the error", "Blender quit"]
+    '{"folder": "/s_002"}', "{no JSON", "pecs: stack.json: the error", "Blender quit"]
 command = [sys.executable, "-c", f"import sys; print({chr(10).join(lines)!r}, file=sys.stderr)"]
 job = background.BackgroundJob("Simulate Events", command, Path("/s"), str, tasks={"sense": "Simulate"})
 while job.returncode() is None:
@@ -102,9 +102,9 @@ for lines, text in (
         time.sleep(0.02)
     assert job.step == text and job.text.startswith(text + ", 0:0"), job.text
 
-# A child that dies is no "Stopped", and its last progress is no error.
+# A child that dies is no "Stopped", and its last line is no error.
 for number, name in ((11, "Segmentation fault"), (9, "Killed")):
-    body = "import os, sys; print('render: 8/8, 0 s left', file=sys.stderr, flush=True)"
+    body = "import os, sys; print('a warning', file=sys.stderr, flush=True)"
     body += f"; os.kill(os.getpid(), {number})"
     background.start(background.BackgroundJob("Render Stack", [sys.executable, "-c", body], Path("/s"), str))
     while background.poll() is not None:
