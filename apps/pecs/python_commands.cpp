@@ -50,7 +50,7 @@ std::string python(const char* variable, const std::filesystem::path& program) {
   const std::filesystem::path self = platform::own_program();
   if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
   const std::string program = python(command.variable, self);
-  std::vector<std::string> words = {program, "-m"};
+  std::vector<std::string> words = {program, "-m", "pecs._command"};
   words.insert(words.end(), command.words.begin(), command.words.end());
   if (console.quiet()) words.emplace_back("--quiet");
   if (console.verbose()) words.emplace_back("--verbose");

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pecs
 from pecs import _arguments
 from pecs._arguments import Quantity, account
-from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, one_line
+from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, missing_package, one_line
 from pecs._platform import discard
 from pecs._progress import report
 
@@ -274,7 +274,8 @@ def main(argv: list[str]) -> int:
     except PecsError as e:
         return _report(argv, str(e), e.code)
     except ImportError as e:
-        return _report(argv, str(e), ExitCode.NOT_FOUND)
+        error = missing_package(e)
+        return _report(argv, str(error), error.code)
     except OSError as e:
         return _report(argv, f"{e.filename or 'output'}: cannot be written: {e.strerror}", ExitCode.BAD_OUTPUT)
     return 0

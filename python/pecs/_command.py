@@ -1,18 +1,20 @@
-"""Python commands: run, and ended with an exit code and an error of one line (docs/reference/exit_codes.md)."""
+"""Python commands: run, and ended with an exit code and an error of one line (docs/reference/exit_codes.md). The
+program starts each by `python -m pecs._command MODULE …`."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import runpy
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from . import _platform
-from ._arguments import Parser, account
-from ._errors import ExitCode, PecsError, one_line
+from pecs import _platform
+from pecs._arguments import Parser, account
+from pecs._errors import ExitCode, PecsError, missing_package, one_line
 
 GRACE_S = 10.0  # for what a command does when it is stopped
 
@@ -55,3 +57,18 @@ def _ended_by_signals() -> Iterator[None]:
     finally:
         over.set()
         end()
+
+
+def _start(module: str) -> None:
+    """As `python -m MODULE`; a package that this Python lacks is an error of one line."""
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except ImportError as e:
+        error = missing_package(e)
+        print(f"pecs: {one_line(str(error))}", file=sys.stderr)
+        sys.exit(error.code)
+
+
+if __name__ == "__main__":
+    del sys.argv[0]
+    _start(sys.argv[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import re
+import sys
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,18 @@ def existing(path: Path, what: str) -> Path:
     if not path.exists():
         raise PecsNotFoundError(f"{path}: no such file or folder, wanted {what}")
     return path
+
+
+def missing_package(error: ImportError) -> PecsError:
+    """The error of a command whose Python lacks a package. Raises `error` if a module of PECS itself is wrong."""
+    package = (error.name or "").partition(".")[0]
+    if package == "pecs":
+        raise error
+    why = str(error)
+    if isinstance(error, ModuleNotFoundError) and package:
+        install = f"{sys.executable} -m pip install {package.replace('_', '-')}"
+        why = f"the package {package} is missing; run {install}, or set PECS_PYTHON to a Python that has it"
+    return PecsError(f"{sys.executable}: {why}", ExitCode.UNSUPPORTED)
 
 
 def optional_module(name: str, package: str, task: str, extra: str = "datasets") -> Any:
