@@ -85,6 +85,20 @@ def words(options: Mapping[str, Any]) -> list[str]:
     return [name if value is True else f"{name}={value}" for name, value in given.items()]
 
 
+def latest(command: Sequence[Any]) -> list[str]:
+    """A command line without the values of options that are set again behind them; --set is a list, and what follows
+    --sense is not ours."""
+    line = [str(word) for word in command]
+    end = line.index("--sense") if "--sense" in line else len(line)
+    starts = [i for i in range(end) if re.match(r"--?[a-z]", line[i])]
+    names = [line[i].partition("=")[0] for i in starts]
+    kept = line[: starts[0]] if starts else line[:end]
+    for number, (begin, after) in enumerate(zip(starts, [*starts[1:], end], strict=False)):
+        if names[number] == "--set" or names[number] not in names[number + 1 :]:
+            kept += line[begin:after]
+    return kept + line[end:]
+
+
 class _Help(argparse.RawDescriptionHelpFormatter):
     def __init__(self, prog: str, **more: Any):
         super().__init__(prog, max_help_position=28, **more)
@@ -140,6 +154,7 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")  # -0.5mm is a value
         self._positionals.title, self._optionals.title = "arguments", "options"
         self._talks = False
+        self._given: set[argparse.Action] = set()
 
     def error(self, message: str) -> NoReturn:
         if found := re.match(r"argument ([-\w/]+): ", message):  # argparse's; the long name of an option suffices
@@ -173,6 +188,7 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Reports unknown options before missing arguments."""
         self._add_talk()
+        self._given.clear()
         known = {name: action for action in self._actions for name in action.option_strings}
         commands = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
         for word in args or ():
@@ -187,6 +203,14 @@ class Parser(argparse.ArgumentParser):
             if words[0] not in commands[0].choices:
                 self.error(f"{words[0]}: no such command; nearest: {nearest(words[0], list(commands[0].choices))}")
         return super().parse_known_args(args, namespace)
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """Refuses a second value of an option that is no list; a flag may come twice, as in the program."""
+        if action.option_strings and action.nargs != 0 and not isinstance(action, argparse._AppendAction):
+            if action in self._given:
+                self.error(f"{action.option_strings[-1]}: is set twice; set it once")
+            self._given.add(action)
+        return super()._get_values(action, arg_strings)
 
 
 def account(command: str, args: Mapping[str, Any], took_s: float) -> str:

@@ -26,6 +26,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pecs
+from pecs._arguments import latest
 from pecs_lab import sequences
 from pecs_lab.disk import Disk
 from pecs_lab.measure import command
@@ -150,7 +151,7 @@ def chain(output: Path, coarser: int) -> None:
         words = sequences.render_arguments(sequence, coarser, None)
         words = [sys.executable, *program, "render", sequence.scene, *words, "--bands", 3, "--samples", 4, *options]
         print(label, file=sys.stderr, flush=True)
-        subprocess.run([*map(str, words), "-o", folder / "stack", "--quiet"], check=True)  # nothing, if it is complete
+        subprocess.run(latest([*words, "-o", folder / "stack", "--quiet"]), check=True)  # nothing, if it is complete
         folders[label] = onto_sensor(folder, fnumber)
     for label, options in (dict.fromkeys(RENDERED, {}) | SENSED).items():
         folder = folders.get(label, folders["nothing"])

@@ -19,6 +19,7 @@ import sys
 from pathlib import Path
 
 from pecs import program
+from pecs._arguments import latest
 from pecs_lab import sequences
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,7 +44,7 @@ def main() -> None:
         options = sequences.render_arguments(sequence, args.coarser, args.frames)
         if "adaptive" in more:  # it finds what stands still
             options = [word for word in options if not word.startswith("--moving-px")]
-        render += [*options, *more]
+        render = latest([*render, *options, *more])
         sense = [program(), "sense", folder / "stack", "-o", folder / "events.raw"]
         sense += sequences.sense_arguments(sequence, args.frames)
         for command in (render, sense):

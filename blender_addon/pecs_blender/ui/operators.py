@@ -11,6 +11,7 @@ from pathlib import Path
 
 import bpy
 import pecs
+from pecs._arguments import latest
 
 from ..job.resources import readable
 from ..scene.blend import save_copy
@@ -164,7 +165,7 @@ class PECS_OT_preview(Renders, bpy.types.Operator):
         width = min(PREVIEW_WIDTH, render.resolution_x)
         folder = Path(tempfile.mkdtemp(prefix="pecs_", dir=bpy.app.tempdir)) / "preview_stack"
         words = ["--frames", f"{index}:{index + 1}", "--width", str(width), *PREVIEW_BANDS, *UNIFORM]
-        command = blender(scene, "render", folder, *words)
+        command = latest(blender(scene, "render", folder, *words))
         return BackgroundJob("Preview", command, folder, _show, for_file=True, tasks=TASKS)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pecs
 import piq
 import torch
+from pecs._arguments import latest
 from pecs.datasets.rgb import srgb
 from pecs.learning.clips import WHITE_PERCENTILE
 from pecs.learning.footage import Footage
@@ -18,22 +19,19 @@ from . import sequences
 from .disk import Disk, edges
 
 MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001)  # of scales: those that 107 pixels have room for, scaled to sum 1
-PLANNED = ("--fps", "--frames", "--bands", "--samples")
 
 
 def rendered(name: str, folder: Path, plan: dict) -> Path:
     """The aligned scene's stack at the plan's instants, by the Blender of .venv."""
     sequence, root = sequences.load(name), sequences.ROOT
     if not (folder / "stack/stack.json").exists():
-        options = [
-            w for w in sequences.render_arguments(sequence, plan["coarser"], None) if w.split("=")[0] not in PLANNED
-        ]
+        options = sequences.render_arguments(sequence, plan["coarser"], None)
         options += [f"--fps={plan['fps']}", f"--frames={plan['first_frame']}:{plan['first_frame'] + plan['frames']}"]
         options += [f"--bands={plan['bands']}", f"--samples={plan['samples']}"]
         environment = os.environ | {"PYTHONPATH": f"{root / 'python'}{os.pathsep}{root / 'blender_addon'}"}
         python = root / ".venv/bin/python"
         command = [python, "-m", "pecs_blender", "render", sequence.scene, "-o", folder / "stack", *options]
-        subprocess.run(list(map(str, command)), env=environment, check=True, stdout=sys.stderr)
+        subprocess.run(latest(command), env=environment, check=True, stdout=sys.stderr)
     return folder / "stack"
 
 

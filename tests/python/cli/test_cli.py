@@ -3,7 +3,9 @@
 import argparse
 import errno
 import json
+import os
 import re
+import sys
 
 import numpy as np
 import pecs
@@ -125,6 +127,40 @@ def test_what_the_demo_says_comes_next_is_there(helps):
         command = max((c for c in helps if f"{line} ".removeprefix("python -m ").startswith(f"{c} ")), key=len)
         for option in re.findall(r" (--?[a-z][\w-]*)", line.removeprefix("python -m")):
             assert re.search(rf"{option}(?![\w-])", helps[command]), f"{line}: no {option}"
+
+
+def in_python(helps):
+    """Commands that are Python modules, by what `pecs --help` says of them."""
+    text = re.sub(r"\n {10,}", " ", helps["pecs"])
+    found = re.findall(r"^ +(\w+) .*\(Python\)", text, re.MULTILINE)
+    assert len(found) == 7, found
+    return found
+
+
+def test_an_option_that_is_set_twice_is_refused(helps, pecs_program):
+    """In every command with an output; lists such as --still are none."""
+    commands = [name.split()[1:] for name, text in helps.items() if name[:5] == "pecs " and "--output" in text]
+    assert len(commands) > 12
+    for command in commands:
+        result = pecs_program(*command, "-o", "a", "--output=b")
+        assert result.returncode == 2 and re.fullmatch(r"pecs: [^\n]+\n", result.stderr), (command, result.stderr)
+        if command[0] in in_python(helps):
+            assert result.stderr == f"pecs: {command[0]}: --output: is set twice; set it once\n"
+    lists = pecs_program("fit", "-o", "a.json", "--still", "a=1", "--still", "b=2", "--quiet", "--quiet")
+    assert "twice" not in lists.stderr and "a" in lists.stderr
+
+
+def test_a_python_without_numpy_is_one_line(helps, pecs_program, root, tmp_path):
+    (tmp_path / "numpy.py").write_text("raise ModuleNotFoundError(\"No module named 'numpy'\", name='numpy')\n")
+    paths = f"{tmp_path}:{root}/python:{root}/blender_addon"
+    environment = (
+        os.environ | {"PYTHONPATH": paths} | dict.fromkeys(("PECS_PYTHON", "PECS_BLENDER_PYTHON"), sys.executable)
+    )
+    install = f"{sys.executable}: the package numpy is missing; run {sys.executable} -m pip install numpy, or set PECS_"
+    for command in in_python(helps):
+        result = pecs_program(command, "x", "-o", "y.json", env=environment, cwd=tmp_path)
+        assert result.returncode == 6 and result.stderr.count("\n") == 1, (command, result.stderr)
+        assert install in result.stderr
 
 
 def test_version_in_full(pecs_program, root):

@@ -15,6 +15,7 @@ from contextlib import redirect_stdout
 from functools import cache
 
 import pytest
+from pecs._arguments import latest
 from support import ROOT, in_bpy, load_script
 from support.labels import Rectangle, write_truth
 from support.printed import PRINTED, assert_printed
@@ -76,7 +77,8 @@ def workplace(tmp_path, monkeypatch):
 
 def run_shell(text, options):
     """What it prints."""
-    command = RENDER.sub(lambda match: f"{match[1].rstrip()} {options}", text) if options else text
+    added = lambda match: " ".join(latest(f"{match[1]} {options}".replace("\\\n", " ").split()))  # noqa: E731
+    command = RENDER.sub(added, text) if options else text
     done = subprocess.run(["bash", "-euo", "pipefail", "-c", command], capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout + done.stderr

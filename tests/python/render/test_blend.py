@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from pecs._arguments import latest
 from support import in_bpy, make_blends, pecs_blender, run_support
 from support.blend_files import FILES
 
@@ -75,7 +76,7 @@ def test_named_spectra_replace_colours(pictures):
 
 
 def render(*args):
-    command = [sys.executable, "-m", "pecs_blender", "render", *map(str, args)]
+    command = [sys.executable, "-m", "pecs_blender", "render", *latest(args)]
     return subprocess.run(command, capture_output=True, text=True)
 
 

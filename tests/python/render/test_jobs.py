@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from pecs._arguments import latest
 from pecs_blender.output import Output
 from support import growing_pecs_blender
 from support.small_stacks import stack_json
@@ -16,7 +17,7 @@ SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "
 
 def command(root, scene, output, *args):
     words = ("-m", "pecs_blender", "render", root / "scenes" / scene, "-o", output, *args)
-    return [sys.executable, *map(str, words)]
+    return [sys.executable, *latest(words)]
 
 
 def run(*words, check=True):

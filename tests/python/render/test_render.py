@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from pecs._arguments import latest
 
 SCENE = "scenes/rotating_disk"
 
@@ -16,7 +17,7 @@ SCENE = "scenes/rotating_disk"
 @pytest.fixture(scope="module")
 def render(root):
     def run(output, *args, check=True):
-        command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", output, *map(str, args)]
+        command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", output, *latest(args)]
         result = subprocess.run(command, capture_output=True, text=True)
         assert not check or result.returncode == 0, result.stderr
         return result

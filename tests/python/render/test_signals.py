@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from pecs._arguments import latest
 from support import ROOT
 from support.faults import device
 
@@ -17,7 +18,7 @@ SHM = Path("/dev/shm")
 
 def command(root, output, *args):
     words = ("-m", "pecs_blender", "render", root / "scenes/rotating_disk", "-o", output, *SMALL, *args)
-    return [sys.executable, *map(str, words)]
+    return [sys.executable, *latest(words)]
 
 
 def leftovers():

@@ -7,6 +7,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from pecs._arguments import latest
+
 ROOT = Path(__file__).resolve().parents[3]
 HERE = ROOT / "tests/python"
 
@@ -20,8 +22,9 @@ def load_script(path: Path):
 
 
 def run_module(module, *args, check=True, **options):
-    """Runs `python -m MODULE`; returns the process with its text output."""
-    command = [sys.executable, "-m", module, *map(str, args)]
+    """Runs `python -m MODULE`; returns the process with its text output. Of a render's options set twice, the last."""
+    args = latest(args) if module == "pecs_blender" else map(str, args)
+    command = [sys.executable, "-m", module, *args]
     result = subprocess.run(command, capture_output=True, text=True, **options)
     assert not check or result.returncode == 0, result.stderr
     return result
@@ -35,7 +38,7 @@ def growing_pecs_blender(*args):
     Returns the process with its text output."""
     body = "import sys\nfrom pecs_blender import cli\nfrom pecs_blender.job import resources\n"
     body += "resources.RESTART_GROWTH_MB = -1\nsys.exit(cli.main(sys.argv[1:]))"
-    result = subprocess.run([sys.executable, "-c", body, *map(str, args)], capture_output=True, text=True)
+    result = subprocess.run([sys.executable, "-c", body, *latest(args)], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     return result
 
