@@ -13,6 +13,7 @@ pytest.importorskip("scipy")
 
 from pecs.datasets import recipe, run, work  # noqa: E402
 from pecs.datasets.blender import blender  # noqa: E402
+from pecs.datasets.plan import Plan  # noqa: E402
 
 RECIPE = """
 seed = 3
@@ -59,7 +60,7 @@ def set_(tmp_path, monkeypatch):
 
 
 def make(folder):
-    run.make(recipe.load(folder / "r.toml"), 0, folder / "set", 1, lambda _: None)
+    run.make(Plan(recipe.load(folder / "r.toml")).sequence(0), folder / "set", 1, lambda _: None)
     return folder / "set/sequences/0000"
 
 
