@@ -74,11 +74,12 @@ def _unit(vector: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return vector / length if length > 0 else np.array([1.0, 0.0, 0.0])
 
 
-def read(table: Table) -> Pool:
-    found = table.into(Pool)
-    if any(a > b for a, b in zip(found.low_m, found.high_m, strict=True)):
-        raise table.wrong("low_m", "a corner below high_m")
-    return found
+def pools(scene: Table, key: str) -> tuple[Pool, ...]:
+    found = tuple((table, table.into(Pool)) for table in scene.tables(key, []))
+    for table, pool in found:
+        if any(a > b for a, b in zip(pool.low_m, pool.high_m, strict=True)):
+            raise table.wrong("low_m", "a corner below high_m")
+    return tuple(pool for _, pool in found)
 
 
 def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:

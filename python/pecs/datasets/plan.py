@@ -53,7 +53,7 @@ def at(recipe: Recipe, place: str) -> Iterator[None]:
 @dataclass(frozen=True)
 class Pixels:
     """Pixels of a camera. owner: the camera whose place, lens and pixels it has, often the camera itself. chip, mask:
-    names, or files beside the recipe. shared: others see the same light."""
+    names, or files beside the recipe."""
 
     owner: CameraEntry
     width: int
@@ -61,7 +61,6 @@ class Pixels:
     pitch_um: float
     chip: str | Path
     mask: str | Path | None
-    shared: bool
 
 
 @dataclass(frozen=True)
@@ -103,15 +102,8 @@ class CameraPlan:
     @property
     def drawn(self) -> dict[str, Any]:
         """As sequence.json records it."""
-        keys = (
-            "overrides",
-            "biases",
-            "seed",
-            "fnumber",
-            "focus_m",
-            *(("exposure_ms", "phase_ms") if self.entry.film else ()),
-        )
-        return {key: getattr(self, key) for key in keys}
+        keys = ("overrides", "biases", "seed", "fnumber", "focus_m", "exposure_ms", "phase_ms")
+        return {key: getattr(self, key) for key in keys[: None if self.entry.film else -2]}
 
     @property
     def film(self) -> str:
@@ -160,9 +152,16 @@ class SequencePlan:
         return max(PATH_HZ, _fps(self.recipe.render))
 
     @property
+    def end_s(self) -> float:
+        """End of the sequence, or the last instant of light if it is later than two samples of the path behind."""
+        rates = [_fps(self.light(camera)) for camera in self.with_light]
+        last_s = max(math.ceil(self.duration_s * fps - 1e-9) / fps for fps in rates)
+        return last_s if last_s > self.duration_s + 2 / self.path_hz else self.duration_s
+
+    @property
     def path(self) -> tuple[str, dict[str, Any]]:
         """Kind and parameters for `trajectories.plan`."""
-        given = self.trajectory | {"duration_s": self.duration_s + 3 / self.path_hz}  # the last frames may be later
+        given = self.trajectory | {"duration_s": self.end_s + 3 / self.path_hz}
         if "file" in given:
             given["file"] = str(self.recipe.path.parent / str(given["file"]))
         if "speed_m_per_s" in self.recipe.limits:
@@ -178,23 +177,18 @@ class SequencePlan:
     def light(self, camera: CameraPlan) -> dict[str, Any]:
         """Options of the render of a camera's light, without the frames."""
         recipe, owner = self.recipe, self.camera(camera.pixels.owner.name)
-        return (
-            recipe.render
-            | self.scene.options
-            | camera.entry.options
-            | recipe.permission
-            | {
-                "camera_path": f"{owner.name}/camera_path.txt",
-                "lens": owner.entry.lens,
-                "fnumber": owner.fnumber,
-                "focus_m": owner.focus_m,
-                "chip": camera.film,
-                "width": camera.pixels.width,
-                "height": camera.pixels.height,
-                "light_scale": self.light_scale,
-                "seed": int(self.rng(f"camera.{camera.name}.render").integers(2**31 - 1)),
-            }
-        )
+        options = recipe.render | self.scene.options | camera.entry.options | recipe.permission
+        return options | {
+            "camera_path": f"{owner.name}/camera_path.txt",
+            "lens": owner.entry.lens,
+            "fnumber": owner.fnumber,
+            "focus_m": owner.focus_m,
+            "chip": camera.film,
+            "width": camera.pixels.width,
+            "height": camera.pixels.height,
+            "light_scale": self.light_scale,
+            "seed": int(self.rng(f"camera.{camera.name}.render").integers(2**31 - 1)),
+        }
 
     def truth(self, camera: CameraPlan) -> dict[str, Any] | None:
         """Options of the render of the ground truth, which a camera with pixels of its own has."""
@@ -212,7 +206,8 @@ class SequencePlan:
     def ranges(self, camera: CameraPlan) -> list[tuple[int, int]]:
         """Ranges [begin, end) of the instants that a camera's light needs: those of the exposures if only an RGB camera
         sees it, otherwise all from 0 to the end (the last may be later)."""
-        fps, times = _fps(self.light(camera)), [] if camera.pixels.shared else self.exposures_us(camera)
+        shared = any(other.stack == camera.stack for other in self.cameras if other is not camera)
+        fps, times = _fps(self.light(camera)), [] if shared else self.exposures_us(camera)
         needed = np.full(math.ceil(self.duration_s * fps - 1e-9), not times)  # intervals
         rolled_us = camera.entry.film.rolled_us(camera.pixels.height) if camera.entry.film else 0
         for begin, end in times:
@@ -246,8 +241,8 @@ class SequencePlan:
         names += [str(self.trajectory["file"])] if "file" in self.trajectory else []
         names += map(str, self.parameters.values())
         names += [name for c in self.recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
-        found = {name: path for name in names if (path := beside(self.recipe, name))}
-        return found | {f"scene {self.scene.name}": self.scene.path}
+        found = {name: _named(self.recipe, name) for name in names} | {f"scene {self.scene.name}": self.scene.path}
+        return {name: path for name, path in found.items() if isinstance(path, Path)}
 
     def rng(self, name: str) -> np.random.Generator:
         return generator(self.recipe.seed, self.index, name)
@@ -343,22 +338,16 @@ def _fps(options: dict[str, Any]) -> float:
 
 def _pixels(recipe: Recipe, entry: CameraEntry) -> Pixels:
     owner = next(camera for camera in recipe.cameras if camera.name == (entry.pixels_of or entry.name))
-    shared = any(c.pixels_of == entry.name and not c.has_light for c in recipe.cameras)
     size = owner.width or 0, owner.height or 0, owner.pixel_pitch_um or 0.0
     if owner.chip:
         with Chip(_named(recipe, owner.chip)) as chip:
             width, height = owner.width or chip.width, owner.height or chip.height
             size = width, height, chip.pixel_pitch_m * 1e6 * (chip.width or width) / width  # the film is the whole chip
     mask = _named(recipe, entry.stages["mask"]) if "mask" in entry.stages and entry.chip else None
-    return Pixels(owner, *size, _named(recipe, entry.chip or ""), mask, shared)
+    return Pixels(owner, *size, _named(recipe, entry.chip or ""), mask)
 
 
 def _named(recipe: Recipe, name: str) -> str | Path:
     """The file of that name beside the recipe, or the name."""
-    return found if (found := beside(recipe, name)) else name
-
-
-def beside(recipe: Recipe, name: str) -> Path | None:
-    """The file of that name beside the recipe, or None."""
     path = recipe.path.parent / name
-    return path if path.is_file() else None
+    return path if path.is_file() else name

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,58 +26,41 @@ RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
     *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "subpixels"),
     *("samples", "noise_events", "no_denoise", "light_tree", "device"),
 )
+RENDER = {"time": "adaptive", "fps": 1000.0}  # by default
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 TRAJECTORY_LISTS = ("step_m", "speed")  # pairs that are no range
 MOST_SEQUENCES = 1_000_000
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-# How tables of free keys are read
+# How free keys are read
 
 
-def _options(table: Table, key: str) -> dict[str, Any]:
-    found = table.all(key, Table.any)
-    for name in found:
-        if name == "allow_scripts":
-            raise table.table(key).fail(name, "a permission in the recipe", "the flag --allow-scripts of pecs dataset")
-        if name not in RENDER_KEYS:
-            raise table.table(key).fail(name, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
-    return found
+def _option(table: Table, key: str) -> Any:
+    if key == "allow_scripts":
+        raise table.fail(key, "a permission in the recipe", "the flag --allow-scripts of pecs dataset")
+    if key not in RENDER_KEYS:
+        raise table.fail(key, "an unknown option", f"one of {', '.join(RENDER_KEYS)}")
+    return table.any(key)
 
 
-def _render(table: Table, key: str) -> dict[str, Any]:
-    return {"time": "adaptive", "fps": 1000.0} | _options(table, key)
+def _stage(table: Table, key: str) -> Any:
+    """A file, or what the sensor checks."""
+    if key not in STAGE_KEYS:
+        raise table.fail(key, "an unknown stage", f"one of {', '.join(STAGE_KEYS)}")
+    return table.text(key) if key == "mask" else table.any(key)
 
 
-def _stages(table: Table, key: str) -> dict[str, Any]:
-    """Options of the sensor, which checks them."""
-
-    def stage(stages: Table, name: str) -> Any:
-        if name not in STAGE_KEYS:
-            raise stages.fail(name, "an unknown stage", f"one of {', '.join(STAGE_KEYS)}")
-        return stages.text(name) if name == "mask" else stages.any(name)
-
-    return table.all(key, stage)
+def _parameter(table: Table, key: str) -> Value:
+    return (table.drawn if key.endswith(("_spectrum", "_reflectance")) else table.value)(key)
 
 
-def _parameters(table: Table, key: str) -> dict[str, Value]:
-    def value(values: Table, name: str) -> Value:
-        return (values.drawn if name.endswith(("_spectrum", "_reflectance")) else values.value)(name)
-
-    return table.all(key, value)
-
-
-def _trajectory(table: Table, key: str) -> dict[str, Any]:
+def _motion(table: Table, key: str) -> Any:
     """Numbers and tables of ranges are drawn; lists of three and more, texts and flags are the trajectory's own
     (trajectories.py checks them)."""
-
-    def value(values: Table, name: str) -> Any:
-        found = values.any(name)
-        pair = isinstance(found, list) and len(found) == 2 and not any(isinstance(v, (list, str)) for v in found)
-        drawn = isinstance(found, dict) or (pair and name not in TRAJECTORY_LISTS)
-        return values.drawn(name) if drawn else found
-
-    return table.all(key, value)
+    value = table.any(key)
+    pair = isinstance(value, list) and len(value) == 2 and not any(isinstance(v, (list, str)) for v in value)
+    return table.drawn(key) if isinstance(value, dict) or (pair and key not in TRAJECTORY_LISTS) else value
 
 
 def _splits(table: Table, key: str) -> dict[str, float]:
@@ -98,10 +82,6 @@ def _limits(table: Table, key: str) -> dict[str, float]:
     return found
 
 
-def _about(table: Table, key: str) -> dict[str, str]:
-    return table.all(key, lambda about, name: about.text(name, lines=True))
-
-
 # The rig
 
 
@@ -111,6 +91,14 @@ def _owns_pixels(table: Table) -> bool:
 
 def _is_rgb(table: Table) -> bool:
     return table.text("kind") == "rgb"
+
+
+def _owns_film(table: Table) -> bool:
+    return _is_rgb(table) and _owns_pixels(table)
+
+
+def _has_light(table: Table) -> bool:
+    return _is_rgb(table) or _owns_pixels(table)
 
 
 @dataclass(frozen=True)
@@ -156,20 +144,18 @@ class CameraEntry:
     width: int | None = optional(Table.integer, low=8, high=8192)
     height: int | None = optional(Table.integer, low=8, high=8192)
     chip: str | None = key(Table.text, only=lambda table: not _is_rgb(table))
-    pixel_pitch_um: float | None = key(
-        Table.number, low=0.5, high=100, only=lambda table: _is_rgb(table) and _owns_pixels(table)
-    )
+    pixel_pitch_um: float | None = key(Table.number, low=0.5, high=100, only=_owns_film)
     lens: str = key(Table.text, only=_owns_pixels, absent="")
     fnumber: Value | None = optional(Table.value, low=0.5, high=1000, only=_owns_pixels)
     focus_m: Value | None = optional(Table.value, low=1e-3, high=1e9, only=_owns_pixels)
     overrides: dict[str, Value] = key(Table.all, Table.value, name="set")
     biases: dict[str, Value] = key(Table.all, Table.value, name="bias")
-    stages: dict[str, Any] = key(_stages)
+    stages: dict[str, Any] = key(Table.all, _stage)
     preset: str | None = key(_preset)
     model: str = key(_model)
     partner: str | None = optional(Table.text)
     pixels_of: str | None = optional(Table.text)
-    options: dict[str, Any] = key(_options, only=lambda table: _is_rgb(table) or _owns_pixels(table), absent={})
+    options: dict[str, Any] = key(Table.all, _option, only=_has_light, absent={})
     film: Film | None = key(lambda table, key: table.into(Film), only=_is_rgb)  # its keys are the camera's
 
     @property
@@ -222,21 +208,17 @@ def _path(table: Table, key: str) -> Path:
     return path
 
 
-def _pools(table: Table, key: str) -> tuple[placing.Pool, ...]:
-    return tuple(map(placing.read, table.tables(key, [])))
-
-
 @dataclass(frozen=True)
 class SceneEntry:
     path: Path = key(lambda table, key: _path(table, key).resolve())
     name: str = key(lambda table, key: table.text(key, _path(table, "path").stem))
     weight: float = key(Table.number, 1.0, 1e-6, 1e6)
     split: str | None = optional(Table.text, choices=SPLITS)
-    parameters: dict[str, Value] = key(_parameters, name="set")
-    options: dict[str, Any] = key(_options)
+    parameters: dict[str, Value] = key(Table.all, _parameter, name="set")
+    options: dict[str, Any] = key(Table.all, _option)
     light_scale: Value = key(Table.value, 1.0, 1e-9, 1e9)
-    pools: tuple[placing.Pool, ...] = key(_pools, name="place")
-    trajectory: dict[str, Any] = key(_trajectory)
+    pools: tuple[placing.Pool, ...] = key(placing.pools, name="place")
+    trajectory: dict[str, Any] = key(Table.all, _motion)
 
 
 def _scene(table: Table, common: dict[str, Any]) -> SceneEntry:
@@ -272,12 +254,12 @@ class Recipe:
     sequences: int = key(Table.integer, 1, low=1, high=MOST_SEQUENCES)
     duration_s: Value = key(Table.value, low=1e-3, high=3600)
     splits: dict[str, float] = key(_splits, name="split")
-    render: dict[str, Any] = key(_render)
+    render: dict[str, Any] = key(lambda table, key: RENDER | table.all(key, _option))
     truth: Truth = key(Table.part, Truth)
     keep: Keep = key(Table.part, Keep)
     export: list[str] = key(Table.texts, [], choices=tuple(WRITERS))
     limits: dict[str, float] = key(_limits)
-    about: dict[str, str] = key(_about)
+    about: dict[str, str] = key(Table.all, partial(Table.text, lines=True))
     allow_scripts: bool = False  # by the caller, never by the recipe
 
     @property
@@ -291,7 +273,7 @@ def load(path: Path) -> Recipe:
     rig = top.table("rig")
     cameras, imu = _cameras(rig), rig.part("imu", ImuEntry) if rig.has("imu") else None
     rig.done()
-    common = _trajectory(top, "trajectory")
+    common = top.all("trajectory", _motion)
     scenes = tuple(_scene(table, common) for table in top.tables("scene", least=1))
     _unique(top, "scene", [scene.name for scene in scenes])
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

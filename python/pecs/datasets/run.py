@@ -6,10 +6,9 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,7 +45,8 @@ def make(plan: SequencePlan, output: Path, threads: int, say: Callable[..., None
         _describe(work)
         for camera in plan.cameras:
             (_sense if camera.entry.kind == "events" else pictures.take)(work, camera)
-        _report(work)
+        say("report")
+        report.write(Sequence(work.folder))
         _drop(work)
         seal(work.folder)
 
@@ -86,7 +86,7 @@ def _move(work: Work) -> None:
             log="survey.log",
         )
     path = trajectories.plan(*plan.path, _surfaces(survey), plan.rng("trajectory"))
-    t_s = np.arange(math.ceil(plan.duration_s * plan.path_hz) + 3) / plan.path_hz
+    t_s = np.arange(math.ceil(plan.end_s * plan.path_hz) + 3) / plan.path_hz
     for camera in plan.cameras:
         if camera.owns_pixels:
             world = path.matrices(t_s) @ camera.rig_from_camera
@@ -142,14 +142,13 @@ def _render(work: Work, camera: CameraPlan, threads: int) -> None:
 # Calibration
 
 
-@dataclass(frozen=True)
-class _View:
-    """The camera as its stack records it."""
+class _View(NamedTuple):
+    """The camera as its stack records it. placed: rig_from_camera."""
 
     stack: dict[str, Any]
     optics: rig.Optics
     pinhole: rig.Pinhole
-    placed: rig.Array  # rig_from_camera
+    placed: rig.Array
 
 
 def _view(work: Work, camera: CameraPlan) -> _View:
@@ -244,12 +243,6 @@ def _sense(work: Work, camera: CameraPlan) -> None:
         record = folder / "events.h5.run.json"
         write_text(record, read_text(record, MAX_BYTES).replace(f"{work.folder}/", ""))
     pictures.label_events(work, camera, folder)
-
-
-def _report(work: Work) -> None:
-    """report.html and checks.json."""
-    work.say("report")
-    report.write(Sequence(work.folder))
 
 
 def _drop(work: Work) -> None:

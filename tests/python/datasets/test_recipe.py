@@ -162,6 +162,16 @@ def test_layers_of_the_truth_are_the_renderer_s(load):
     assert load(RECIPE + '[truth]\nlayers = ["depth", "albedo"]').truth.layers == ["depth", "albedo"]
 
 
+@pytest.mark.parametrize("fps", [7, 30, 300, 1000, 1500])
+def test_the_path_goes_to_the_last_instant(load, fps):
+    """The renderer refuses instants that the camera path does not cover. Without truth, the length is as drawn."""
+    sequence = Plan(load(RECIPE + f"[render]\nfps = {fps}\n[truth]\nlayers = []")).sequence(0)
+    (_, end), *_ = reversed(sequence.ranges(sequence.cameras[0]))
+    _, parameters = sequence.path
+    covered_s = parameters["duration_s"] - 1 / max(1000, fps)
+    assert (end - 1) / fps <= covered_s and (end - 1) / fps >= sequence.duration_s - 1e-9
+
+
 def test_no_recipe(tmp_path):
     with pytest.raises(pecs.PecsNotFoundError, match="no.toml"):
         recipe.load(tmp_path / "no.toml")
