@@ -216,7 +216,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
     print("\n".join(rows[:SHOWN_ROWS]))
     if len(wanted) > SHOWN_ROWS:
         print(f"… and {len(wanted) - SHOWN_ROWS} more")
-    kind = "keyframes among" if plan.recipe.render["time"] == "adaptive" else "all of"
+    kind = "keyframes among" if plan.sequence(wanted[0]).is_adaptive else "all of"
     about, each = "about " if len(spaced) < len(wanted) else "", len(wanted) / len(spaced)
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
     print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")

@@ -216,6 +216,10 @@ class SequencePlan:
         bounds = np.flatnonzero(np.diff(needed, prepend=False, append=False)).reshape(-1, 2)
         return [(int(begin), int(end) + 1) for begin, end in bounds]
 
+    @property
+    def is_adaptive(self) -> bool:
+        return any(self.light(camera)["time"] == "adaptive" for camera in self.with_light)
+
     def instants(self, camera: CameraPlan) -> int:
         return sum(end - begin for begin, end in self.ranges(camera))
 
@@ -343,7 +347,7 @@ def _pixels(recipe: Recipe, entry: CameraEntry) -> Pixels:
         with Chip(_named(recipe, owner.chip)) as chip:
             width, height = owner.width or chip.width, owner.height or chip.height
             size = width, height, chip.pixel_pitch_m * 1e6 * (chip.width or width) / width  # the film is the whole chip
-    mask = _named(recipe, entry.stages["mask"]) if "mask" in entry.stages and entry.chip else None
+    mask = _named(recipe, entry.stages["mask"]) if "mask" in entry.stages else None
     return Pixels(owner, *size, _named(recipe, entry.chip or ""), mask)
 
 

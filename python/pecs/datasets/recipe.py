@@ -93,6 +93,10 @@ def _is_rgb(table: Table) -> bool:
     return table.text("kind") == "rgb"
 
 
+def _is_events(table: Table) -> bool:
+    return not _is_rgb(table)
+
+
 def _owns_film(table: Table) -> bool:
     return _is_rgb(table) and _owns_pixels(table)
 
@@ -139,20 +143,20 @@ class CameraEntry:
 
     name: str = key(Table.text)
     kind: str = key(Table.text, choices=("events", "rgb"))
-    position_m: list[float] = key(Table.numbers, ORIGIN, count=3)
-    rotation_deg: list[float] = key(Table.numbers, ORIGIN, count=3)
-    width: int | None = optional(Table.integer, low=8, high=8192)
-    height: int | None = optional(Table.integer, low=8, high=8192)
-    chip: str | None = key(Table.text, only=lambda table: not _is_rgb(table))
+    position_m: list[float] = key(Table.numbers, ORIGIN, count=3, only=_owns_pixels, absent=list(ORIGIN))
+    rotation_deg: list[float] = key(Table.numbers, ORIGIN, count=3, only=_owns_pixels, absent=list(ORIGIN))
+    width: int | None = optional(Table.integer, low=8, high=8192, only=_owns_pixels)
+    height: int | None = optional(Table.integer, low=8, high=8192, only=_owns_pixels)
+    chip: str | None = key(Table.text, only=_is_events)
     pixel_pitch_um: float | None = key(Table.number, low=0.5, high=100, only=_owns_film)
     lens: str = key(Table.text, only=_owns_pixels, absent="")
     fnumber: Value | None = optional(Table.value, low=0.5, high=1000, only=_owns_pixels)
     focus_m: Value | None = optional(Table.value, low=1e-3, high=1e9, only=_owns_pixels)
-    overrides: dict[str, Value] = key(Table.all, Table.value, name="set")
-    biases: dict[str, Value] = key(Table.all, Table.value, name="bias")
-    stages: dict[str, Any] = key(Table.all, _stage)
-    preset: str | None = key(_preset)
-    model: str = key(_model)
+    overrides: dict[str, Value] = key(Table.all, Table.value, name="set", only=_is_events, absent={})
+    biases: dict[str, Value] = key(Table.all, Table.value, name="bias", only=_is_events, absent={})
+    stages: dict[str, Any] = key(Table.all, _stage, only=_is_events, absent={})
+    preset: str | None = key(_preset, only=_is_events)
+    model: str = key(_model, only=_is_events, absent="pecs")
     partner: str | None = optional(Table.text)
     pixels_of: str | None = optional(Table.text)
     options: dict[str, Any] = key(Table.all, _option, only=_has_light, absent={})
