@@ -14,29 +14,16 @@ from .._text import markdown
 from .recipe import Recipe
 from .sequence import Sequence, sequences
 
-CONTEXT = {
+CONTEXT: dict[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
     "sc": "https://schema.org/",
     "cr": "http://mlcommons.org/croissant/",
     "dct": "http://purl.org/dc/terms/",
     "conformsTo": "dct:conformsTo",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "includes": "cr:includes",
-    "containedIn": "cr:containedIn",
-    "md5": "cr:md5",
-    "recordSet": "cr:recordSet",
-    "field": "cr:field",
+    **{name: f"cr:{name}" for name in "fileObject fileSet includes containedIn md5 recordSet field".split()},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "source": "cr:source",
-    "extract": "cr:extract",
-    "jsonPath": "cr:jsonPath",
-    "column": "cr:column",
-    "fileProperty": "cr:fileProperty",
-    "transform": "cr:transform",
-    "regex": "cr:regex",
-    "key": "cr:key",
+    **{name: f"cr:{name}" for name in "source extract jsonPath column fileProperty transform regex key".split()},
 }
 SETS = {  # of files: id, what, pattern, type
     "events": ("events in DSEC's HDF5 layout", "sequences/*/*/events.h5", "application/x-hdf5"),

@@ -10,7 +10,6 @@ import time
 from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,12 @@ from .._command import answer
 from .._errors import UsageError, bad_input
 from .._files import existing_folder
 from .._progress import Line
-from . import manifest, recipe, recipe_check, report, rgb, run, writers
+from . import manifest, recipe, recipe_check, report, run, writers
 from .card import write_cards
 from .files import read_numbers
+from .plan import Plan, SequencePlan
 from .sequence import sequences
-from .work import RUNS, Busy, pixels
+from .work import RUNS, Busy
 
 SHOWN_ROWS = 20  # of --plan
 MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
@@ -75,18 +75,18 @@ def _run(args: argparse.Namespace) -> None:
     if args.sequences is not None:
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
-    if not args.check:
-        recipe_check.check(found)
+    if args.check:
+        _check(wanted, args.output)
+        return
+    recipe_check.check(plan := Plan(found))
     if args.plan:
-        _plan(found, wanted, args.output)
-    elif args.check:
-        _check(found, wanted, args.output)
-    else:
-        if args.repair:
-            _move_aside(wanted, args.output)
-        _make(found, wanted, args.output, args.threads, line)
-        if not args.only:
-            _finish(found, args.output, line)
+        _plan(plan, wanted, args.output)
+        return
+    if args.repair:
+        _move_aside(wanted, args.output)
+    _make(plan, wanted, args.output, args.threads, line)
+    if not args.only:
+        _finish(found, args.output, line)
 
 
 def _wanted(only: str | None, count: int) -> list[int]:
@@ -103,7 +103,7 @@ def _wanted(only: str | None, count: int) -> list[int]:
     return list(range(begin, end))
 
 
-def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, line: Line) -> None:
+def _make(plan: Plan, wanted: list[int], output: Path, threads: int, line: Line) -> None:
     begin, made = time.monotonic(), 0
     busy: list[int] = []
     for done, index in enumerate(wanted):
@@ -120,7 +120,7 @@ def _make(found: recipe.Recipe, wanted: list[int], output: Path, threads: int, l
                 line(f"{text}{more}", done, len(wanted))
 
         try:
-            run.make(found, index, output, threads, say)
+            run.make(plan.sequence(index), output, threads, say)
         except Busy:
             if len(wanted) == 1:
                 raise
@@ -157,7 +157,7 @@ def _export(folder: Path, name: str, output: Path, line: Line) -> None:
     print(f"{output}: {name}")
 
 
-def _check(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
+def _check(wanted: list[int], output: Path) -> None:
     bad = _damaged(wanted, output)
     for line in (line for lines in bad.values() for line in lines):
         print(line)
@@ -190,36 +190,36 @@ def _move_aside(wanted: list[int], output: Path) -> None:
             (output / "dataset.json").unlink(missing_ok=True)
 
 
-def _plan(found: recipe.Recipe, wanted: list[int], output: Path) -> None:
+def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
     """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes."""
     rows, truth, light = [], 0, 0
     made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))  # by scene: number, duration, time [s], GB
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
-    stacks = [camera for camera in found.cameras if camera.has_light]
-    owners = sum(not camera.pixels_of for camera in found.cameras)
+    stacks = sum(camera.has_light for camera in plan.recipe.cameras)
+    owners = sum(not camera.pixels_of for camera in plan.recipe.cameras)
     names = {path.name for path in output.glob("sequences/*")}
     whole, begun = ([index for index in wanted if f"{index:04d}{end}" in names] for end in ("", ".partial"))
     spaced = set(_spaced(wanted))
     for index in sorted({*wanted[:SHOWN_ROWS], *spaced, *_spaced(whole), *_spaced(begun)}):
-        drawn, folder = found.draw(index), manifest.sequence_folder(output, index)
-        scene, duration_s = drawn["scene"], drawn["duration_s"]
+        sequence, folder = plan.sequence(index), manifest.sequence_folder(output, index)
+        scene, duration_s = sequence.scene.name, sequence.duration_s
         if index in spaced:
-            truth += owners * found.truth_frames(duration_s)
-            light += sum(_instants(found, drawn, one) for one in stacks)
-        share, seconds, gigabytes = _made(found, drawn, folder)
+            truth += owners * sequence.truth_frames
+            light += sum(map(sequence.instants, sequence.with_light))
+        share, seconds, gigabytes = _made(sequence, folder)
         if share:
             made[scene] += share, share * duration_s, seconds, gigabytes
         if index in spaced and not folder.is_dir():
             missing[scene] += 1, (1 - share) * duration_s
-        words = [f"{index:04d}", f"{drawn['split']:5}", f"{scene:16}", f"{duration_s:.3g} s"]
-        rows.append("  ".join([*words, drawn["trajectory"]["kind"], *(["(there)"] if folder.is_dir() else [])]))
+        words = [f"{index:04d}", f"{sequence.split:5}", f"{scene:16}", f"{duration_s:.3g} s"]
+        rows.append("  ".join([*words, sequence.trajectory["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
     if len(wanted) > SHOWN_ROWS:
         print(f"… and {len(wanted) - SHOWN_ROWS} more")
-    kind = "keyframes among" if found.render["time"] == "adaptive" else "all of"
+    kind = "keyframes among" if plan.sequence(wanted[0]).is_adaptive else "all of"
     about, each = "about " if len(spaced) < len(wanted) else "", len(wanted) / len(spaced)
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
-    print(f"{len(wanted)} sequences, {len(stacks)} stacks each: {what}")
+    print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     if not made:
         when = "once the light of one camera is rendered"
@@ -242,12 +242,7 @@ def _spaced(indices: list[int]) -> list[int]:
     return indices[:: -(-len(indices) // MOST_DRAWN) or 1]
 
 
-def _instants(found: recipe.Recipe, drawn: dict[str, Any], camera: recipe.CameraEntry) -> int:
-    """At how many instants a camera's light is wanted."""
-    return sum(end - begin for begin, end in rgb.light_instants(found, drawn, camera))
-
-
-def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[float, float, float]:
+def _made(sequence: SequencePlan, folder: Path) -> tuple[float, float, float]:
     """Of a sequence: which share of it exists, the time that this took [s] without pauses between runs, and its size
     [GB]. The share of a sequence that is being made is that of the instants and pixels of the cameras whose light is
     complete."""
@@ -255,12 +250,12 @@ def _made(found: recipe.Recipe, drawn: dict[str, Any], folder: Path) -> tuple[fl
         share, until = 1.0, math.inf
     else:
         folder = folder.with_name(f"{folder.name}.partial")
-        stacks = [camera for camera in found.cameras if camera.has_light]
-        done = {camera.name: folder / camera.name / "stack/done" for camera in stacks}
+        done = {camera.name: folder / camera.stack / "done" for camera in sequence.with_light}
         rendered = {name: path.stat().st_mtime for name, path in done.items() if path.exists()}
         if not rendered:
             return 0.0, 0.0, 0.0
-        parts = {one.name: math.prod(pixels(found, one)[:2]) * _instants(found, drawn, one) for one in stacks}
+        sizes = {one.name: one.pixels.width * one.pixels.height for one in sequence.with_light}
+        parts = {one.name: sizes[one.name] * sequence.instants(one) for one in sequence.with_light}
         share, until = sum(parts[name] for name in rendered) / sum(parts.values()), max(rendered.values())
     files = [one for one in (p.stat() for p in folder.rglob("*") if p.is_file()) if one.st_mtime <= until]
     times_s, runs = [one.st_mtime for one in files], folder / RUNS

@@ -15,26 +15,25 @@ from ..light import Light
 from ..motion import event_labels
 from . import rgb, rig
 from .files import npy_bytes
-from .recipe import CameraEntry
+from .plan import CameraPlan
 from .work import Work
 
 PNG_LEVEL = 6
 METERED = 32  # most pictures that determine the gain
 
 
-def take(work: Work, entry: CameraEntry) -> None:
+def take(work: Work, camera: CameraPlan) -> None:
     """Writes rgb/, sharp/ and rgb.csv of an RGB camera."""
-    folder = work.folder / entry.name
+    folder = work.folder / camera.name
     if (folder / "rgb.csv").exists():
         return
-    work.say(f"{entry.name}: pictures")
+    work.say(f"{camera.name}: pictures")
     folder.mkdir(exist_ok=True)
-    stack, film, drawn = work.stack(entry), entry.film, work.drawn["cameras"][entry.name]
+    stack, film, times = work.folder / camera.stack, camera.entry.film, work.plan.exposures_us(camera)
     assert film
     info = rig.stack_json(stack)
     size = (info["width"], info["height"], info["pixel_pitch_m"] * 1e6)
     chips = [rgb.write_chip(folder / f"filter_{c}.json", i, *size, film.peak_qe) for i, c in enumerate("rgb")]
-    times = rgb.frame_times_us(film, size[1], work.duration_us, drawn["exposure_ms"], drawn["phase_ms"])
     rows = ["index,start_us,end_us"]
     for name in ("rgb", "sharp"):
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -43,10 +42,10 @@ def take(work: Work, entry: CameraEntry) -> None:
         middles = [(begin + end) / 2 - first_us for begin, end in times]
         developer = rgb.Developer(
             film,
-            drawn["exposure_ms"],
+            camera.exposure_ms,
             rgb.colour_matrix(info, rgb.illuminant(info)),
             (light.at(t) for t in middles[:: 1 + len(middles) // METERED] or [0.0]),
-            work.recipe.rng(work.index, f"camera.{entry.name}.film"),
+            work.plan.rng(f"camera.{camera.name}.film"),
         )
         for index, (begin, end) in enumerate(times):
             first_row = begin - first_us - film.rolled_us(size[1])
@@ -60,12 +59,12 @@ def take(work: Work, entry: CameraEntry) -> None:
     write_text(folder / "rgb.csv", "\n".join(rows) + "\n")
 
 
-def label_events(work: Work, entry: CameraEntry, folder: Path) -> None:
+def label_events(work: Work, camera: CameraPlan, folder: Path) -> None:
     """Writes objects.npy: the object at each event's pixel and time."""
     events = read(folder / "events.h5", "dsec")
-    if {"objects", "motion"} <= set(work.recipe.truth["layers"]):
-        work.say(f"{entry.name}: objects of events")
-        labels = event_labels(events, work.truth(entry))
+    if {"objects", "motion"} <= set(work.plan.recipe.truth.layers):
+        work.say(f"{camera.name}: objects of events")
+        labels = event_labels(events, work.folder / camera.truth)
     else:
         labels = np.zeros(len(events), np.uint16)
     write_whole(folder / "objects.npy", npy_bytes(labels.astype("<u2")))

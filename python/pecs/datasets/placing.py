@@ -10,9 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from .table import Table, Value
+from .table import Table, Value, key, optional
 
 Rng = Callable[[str], np.random.Generator]
+
+
+def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
+    """Files of a pattern, sorted, so that the same set of files gives the same draws."""
+    pattern, beside = table.text(key), Path(str(table.file)).parent
+    there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
+    found = sorted(str(p.relative_to(beside)) for p in there if p.suffix in kinds)
+    if not found:
+        raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
+    return tuple(found)
+
+
+def _textures(table: Table, key: str) -> tuple[str, ...]:
+    return _files(table, key, ".png", ".jpg", ".jpeg", ".exr") if table.has(key) else ()
 
 
 @dataclass(frozen=True)
@@ -20,16 +34,16 @@ class Pool:
     """files: .blend files, each an object or several; textures: pictures for their base colour; relative to the
     recipe."""
 
-    files: tuple[str, ...]
-    textures: tuple[str, ...]
-    count: Value
-    low_m: list[float]
-    high_m: list[float]
-    size_m: Value
-    speed_m_s: Value
-    spin_deg_s: Value
-    turn: str
-    name: str | None
+    files: tuple[str, ...] = key(_files, ".blend")
+    textures: tuple[str, ...] = key(_textures)
+    count: Value = key(Table.value, 1, 0, 10000)
+    low_m: list[float] = key(Table.numbers, count=3)
+    high_m: list[float] = key(Table.numbers, count=3)
+    size_m: Value = key(Table.value, low=1e-4, high=1e4)
+    speed_m_s: Value = key(Table.value, 0.0, 0, 1e4)
+    spin_deg_s: Value = key(Table.value, 0.0, -1e6, 1e6)
+    turn: str = key(Table.text, "z", ("z", "any"))
+    name: str | None = optional(Table.text, name="class")
 
     def draw(self, place: str, rng: Rng) -> list[dict[str, Any]]:
         """Objects in the format of `--place`, without names and with paths relative to the recipe."""
@@ -60,23 +74,12 @@ def _unit(vector: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return vector / length if length > 0 else np.array([1.0, 0.0, 0.0])
 
 
-def read(table: Table, beside: Path) -> Pool:
-    found = Pool(
-        files=_files(table, "files", beside, (".blend",)),
-        textures=_files(table, "textures", beside, (".png", ".jpg", ".jpeg", ".exr")) if table.has("textures") else (),
-        count=table.value("count", 1, 0, 10000),
-        low_m=table.numbers("low_m", count=3),
-        high_m=table.numbers("high_m", count=3),
-        size_m=table.value("size_m", low=1e-4, high=1e4),
-        speed_m_s=table.value("speed_m_s", 0.0, 0, 1e4),
-        spin_deg_s=table.value("spin_deg_s", 0.0, -1e6, 1e6),
-        turn=table.text("turn", "z", ("z", "any")),
-        name=table.optional(table.text, "class"),
-    )
-    if any(a > b for a, b in zip(found.low_m, found.high_m, strict=True)):
-        raise table.wrong("low_m", "a corner below high_m")
-    table.done()
-    return found
+def pools(scene: Table, key: str) -> tuple[Pool, ...]:
+    found = tuple((table, table.into(Pool)) for table in scene.tables(key, []))
+    for table, pool in found:
+        if any(a > b for a, b in zip(pool.low_m, pool.high_m, strict=True)):
+            raise table.wrong("low_m", "a corner below high_m")
+    return tuple(pool for _, pool in found)
 
 
 def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
@@ -86,13 +89,3 @@ def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
         files = {key: str((beside / thing[key]).resolve()) if thing[key] else None for key in ("file", "texture")}
         found.append(thing | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
     return found
-
-
-def _files(table: Table, key: str, beside: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
-    """Files of a pattern, sorted, so that the same set of files gives the same draws."""
-    pattern = table.text(key)
-    there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
-    found = sorted(str(p.relative_to(beside)) for p in there if p.suffix in kinds)
-    if not found:
-        raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
-    return tuple(found)

@@ -1,11 +1,7 @@
-"""Faults of a recipe beyond its tables, before the first ray: every part that it names is opened or tried with
-the ends of its drawn values."""
+"""Faults of a plan before the first ray, beyond its recipe's tables: every part that it names is opened or tried as the
+run does it, with the ends of its drawn values."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
@@ -14,108 +10,95 @@ from .._arguments import words
 from .._errors import ExitCode, PecsError, bad_input
 from ..lens import Lens
 from . import blender, parameters, rig, trajectories
-from .imu import Imu
-from .recipe import CameraEntry, Recipe, SceneEntry
-from .table import Value
-from .work import beside, pixels
+from .plan import CameraPlan, Plan, SequencePlan, at
+from .recipe import Recipe
 
 WITH_PICTURES = ("evreal", "event_cnn", "radiance")  # exports that require an RGB camera on the pixels of events
 WITHOUT_EVENTS = ("coco",)
 FIRST = 1000  # sequences among which a scene's first one is looked for
 
 
-def check(recipe: Recipe) -> None:
+def check(plan: Plan) -> None:
     """Raises PecsError, with the recipe's path and the place in it, for what cannot be made."""
-    _partners(recipe)
-    _exports(recipe)
+    recipe = plan.recipe
+    _partners(plan)
+    _exports(plan)
     _scripts(recipe)
-    for entry in recipe.cameras:
-        with _at(recipe, f"rig.camera {entry.name}"):
-            if entry.kind == "events":
-                _sensors(recipe, entry)
-            if not entry.pixels_of:
-                for fnumber in _ends(entry.fnumber):
-                    for focus_m in _ends(entry.focus_m):
-                        see_corners(recipe, entry, fnumber, focus_m)
-    if recipe.imu:
-        with _at(recipe, "rig.imu"):
-            Imu.of_part(recipe.imu["part"], recipe.imu["rate_hz"], turn_on=recipe.imu["turn_on"])
-    for scene in recipe.scenes:
-        with _at(recipe, f"scene {scene.name}.trajectory"):
-            _trajectories(recipe, scene)
-    _renders(recipe)
-
-
-@contextmanager
-def _at(recipe: Recipe, place: str) -> Iterator[None]:
-    """Adds the recipe and the place to an error, unless it has them."""
-    try:
-        yield
-    except PecsError as e:
-        text = str(e)
-        code = ExitCode.BAD_INPUT if e.code == ExitCode.USAGE else e.code
-        message = text if text.startswith(f"{recipe.path}: ") else f"{recipe.path}: {place}: {text}"
-        raise PecsError(message, code) from None
-
-
-def _ends(value: Value | None) -> tuple[Any, ...]:
-    return value.ends if value else (None,)
-
-
-def _combined(values: dict[str, Value]) -> Iterator[dict[str, Any]]:
-    """The first ends of all values, the second ends, and so on; a value that has no more keeps its last one."""
-    for i in range(max((len(value.ends) for value in values.values()), default=1)):
-        yield {key: value.ends[min(i, len(value.ends) - 1)] for key, value in values.items()}
+    tried: set[str] = set()  # what several sequences of `ends` share
+    jobs: list[list[str]] = []
+    for sequence in plan.ends():
+        for camera in sequence.cameras:
+            with at(recipe, f"rig.camera {camera.name}"):
+                _camera(recipe, camera, tried)
+        with at(recipe, f"scene {sequence.scene.name}.trajectory"):
+            kind, given = sequence.path
+            if kind not in trajectories.KINDS:
+                place, kinds = f"scene {sequence.scene.name}.trajectory.kind", ", ".join(trajectories.KINDS)
+                raise bad_input(recipe.path, place, kind, kinds)
+            parameters.read(kind, given)
+        jobs += [job for job in _renders(sequence) if job not in jobs]
+    for scene in recipe.scenes:  # as if it were empty
+        with at(recipe, f"scene {scene.name}.trajectory"):
+            first = (i for i in range(min(recipe.sequences, FIRST)) if plan.scene(i) is scene)
+            if (index := next(first, None)) is not None:
+                sequence = plan.sequence(index)
+                trajectories.plan(*sequence.path, None, sequence.rng("trajectory"))
+    if fault := blender.fault_of(jobs):
+        raise PecsError(f"{recipe.path}: {fault}", ExitCode.BAD_INPUT)
 
 
 # The rig
 
 
-def _partners(recipe: Recipe) -> None:
-    for entry in (c for c in recipe.cameras if c.partner):
-        other, place = recipe.camera(str(entry.partner)), f"rig.camera {entry.name}.partner"
+def _partners(plan: Plan) -> None:
+    entries = {entry.name: entry for entry in plan.recipe.cameras}
+    for entry in (entry for entry in entries.values() if entry.partner):
+        other, place = entries[str(entry.partner)], f"rig.camera {entry.name}.partner"
         if other.partner != entry.name or other.kind != entry.kind:
-            raise bad_input(recipe.path, place, other.name, "a camera of the same kind whose partner is this one")
-        a, b = recipe.owner(entry), recipe.owner(other)
+            wanted = "a camera of the same kind whose partner is this one"
+            raise bad_input(plan.recipe.path, place, other.name, wanted)
+        a, b = plan.pixels[entry.name].owner, plan.pixels[other.name].owner
         if a is b or np.allclose(a.position_m, b.position_m, rtol=0, atol=1e-9):
-            raise bad_input(recipe.path, place, other.name, "a camera at another position_m")
+            raise bad_input(plan.recipe.path, place, other.name, "a camera at another position_m")
 
 
-def _exports(recipe: Recipe) -> None:
-    events = [recipe.owner(c).name for c in recipe.cameras if c.kind == "events"]
-    shared = any(recipe.owner(c).name in events for c in recipe.cameras if c.kind == "rgb")
-    for name in recipe.export:
-        if name not in WITHOUT_EVENTS and not events:
-            raise bad_input(recipe.path, "export", name, "a rig with an event camera for it")
-        if name in WITH_PICTURES and not shared:
-            raise bad_input(recipe.path, "export", name, "an RGB camera whose pixels_of is an event camera for it")
+def _exports(plan: Plan) -> None:
+    owners: dict[str, set[str]] = {"events": set(), "rgb": set()}
+    for entry in plan.recipe.cameras:
+        owners[entry.kind].add(plan.pixels[entry.name].owner.name)
+    for name in plan.recipe.export:
+        if name not in WITHOUT_EVENTS and not owners["events"]:
+            raise bad_input(plan.recipe.path, "export", name, "a rig with an event camera for it")
+        if name in WITH_PICTURES and not owners["events"] & owners["rgb"]:
+            wanted = "an RGB camera whose pixels_of is an event camera for it"
+            raise bad_input(plan.recipe.path, "export", name, wanted)
 
 
-def _sensors(recipe: Recipe, entry: CameraEntry) -> None:
-    """Opens the camera's sensor with the ends of its drawn values."""
-    width, height, _ = pixels(recipe, entry)
-    chip, stages = beside(recipe, str(entry.chip)) or str(entry.chip), dict(entry.stages)
-    if "mask" in stages:
-        stages["mask"] = beside(recipe, stages["mask"]) or stages["mask"]
-    pixel = {"preset": entry.preset} if entry.preset else {"model": entry.model}
-    for overrides in _combined(entry.overrides):
-        for biases in _combined(entry.biases):
-            sensor.Sensor(width, height, chip, overrides=overrides, biases=biases, **stages, **pixel).close()
+def _camera(recipe: Recipe, camera: CameraPlan, tried: set[str]) -> None:
+    """Opens a camera's sensor and lens, unless they were tried."""
+    if camera.entry.kind == "events" and (key := f"{camera.name} {camera.sensor()}") not in tried:
+        tried.add(key)
+        sensor.Sensor(camera.pixels.width, camera.pixels.height, **camera.sensor()).close()
+    if (key := f"{camera.name} {camera.fnumber} {camera.focus_m}") not in tried:
+        tried.add(key)
+        see_corners(recipe, camera)
 
 
-def see_corners(recipe: Recipe, entry: CameraEntry, fnumber: float | None, focus_m: float | None) -> None:
-    """Raises PecsInputError for a lens that does not cover the film."""
-    width, height, pitch_um = pixels(recipe, entry)
+def see_corners(recipe: Recipe, camera: CameraPlan) -> None:
+    """Raises PecsInputError for a lens that does not cover the film of its camera."""
+    if not camera.owns_pixels:
+        return
+    width, height, pitch_um = camera.pixels.width, camera.pixels.height, camera.pixels.pitch_um
     corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
-    setting = {"fnumber": fnumber, "focus_m": focus_m, "pixel_pitch_mm": pitch_um * 1e-3}
-    with Lens(entry.lens) as lens:
-        covered(recipe, entry, lens.directions(corners, width=width, height=height, **setting))
+    setting = {"fnumber": camera.fnumber, "focus_m": camera.focus_m, "pixel_pitch_mm": pitch_um * 1e-3}
+    with Lens(camera.entry.lens) as lens:
+        covered(recipe, camera, lens.directions(corners, width=width, height=height, **setting))
 
 
-def covered(recipe: Recipe, entry: CameraEntry, directions: rig.Array) -> None:
+def covered(recipe: Recipe, camera: CameraPlan, directions: rig.Array) -> None:
     """Raises PecsInputError for pixels without light."""
     if lost := int(np.isnan(directions).any(-1).sum()):
-        place, got = f"rig.camera {entry.name}.lens", f"{entry.lens}, which does not illuminate {lost} pixels"
+        place, got = f"rig.camera {camera.name}.lens", f"{camera.entry.lens}, which does not illuminate {lost} pixels"
         raise bad_input(recipe.path, place, got, "a lens that covers the film")
 
 
@@ -133,51 +116,12 @@ def _scripts(recipe: Recipe) -> None:
                 f"{recipe.path}: scene {scene.name}.path: {scene.path} contains Python; --allow-scripts runs it",
                 ExitCode.UNSUPPORTED,
             )
-
-
-def trajectory(recipe: Recipe, drawn: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Kind and parameters for `trajectories.plan`, with drawn values."""
-    given = dict(drawn)
-    kind = given.pop("kind")
-    if "file" in given:
-        given["file"] = str(recipe.path.parent / str(given["file"]))
-    if "speed_m_per_s" in recipe.limits:
-        given.setdefault("max_speed_m_per_s", recipe.limits["speed_m_per_s"])
-    return kind, given
-
-
-def _trajectories(recipe: Recipe, scene: SceneEntry) -> None:
-    """Reads the parameters with the ends of their drawn values, and plans the path of the scene's first sequence as if
-    the scene were empty."""
-    drawn = {key: value for key, value in scene.trajectory.items() if isinstance(value, Value)}
-    for values in _combined(drawn):
-        kind, given = trajectory(recipe, scene.trajectory | values)
-        if kind not in trajectories.KINDS:
-            raise bad_input(recipe.path, f"scene {scene.name}.trajectory.kind", kind, ", ".join(trajectories.KINDS))
-        for seconds in recipe.duration_s.ends:
-            parameters.read(kind, given | {"duration_s": seconds})
-    for index in range(min(recipe.sequences, FIRST)):
-        values = recipe.draw(index)
-        if values["scene"] == scene.name:
-            kind, given = trajectory(recipe, values["trajectory"])
-            given["duration_s"] = values["duration_s"]
-            trajectories.plan(kind, given, None, recipe.rng(index, "trajectory"))
-            return
-
-
-def _renders(recipe: Recipe) -> None:
-    """Has the renderer read its options for every scene and camera, without a render."""
-    jobs = []
-    for scene in recipe.scenes:
         if scene.path.suffix == ".blend" and scene.parameters:
             raise bad_input(recipe.path, f"scene {scene.name}.set", "parameters of a .blend", "none (of scene folders)")
-        for values in _combined(scene.parameters):
-            begin = ["render", str(scene.path), "-o", "stack", *(f"--set={key}={v}" for key, v in values.items())]
-            for entry in (c for c in recipe.cameras if c.has_light):
-                size = dict(zip(("width", "height"), pixels(recipe, entry), strict=False))
-                options = recipe.render_options(scene, entry) | size | {"lens": recipe.owner(entry).lens}
-                jobs.append([*begin, *words(options)])
-            layers = {"fps": recipe.truth["fps"], "layers": ",".join(recipe.truth["layers"])}
-            jobs.append([*begin, "--no-light", *words(layers if recipe.truth["layers"] else {})])
-    if fault := blender.fault_of(jobs):
-        raise PecsError(f"{recipe.path}: {fault}", ExitCode.BAD_INPUT)
+
+
+def _renders(sequence: SequencePlan) -> list[list[str]]:
+    """The renderer's command lines of a sequence, which it reads without a render."""
+    options = [sequence.light(camera) for camera in sequence.with_light]
+    options += [truth for camera in sequence.cameras if (truth := sequence.truth(camera))]
+    return [["render", *map(str, sequence.scene_words), "-o", "stack", *words(one)] for one in options]

@@ -22,8 +22,7 @@ from .._config import read_json
 from .._files import write_text
 from .._library import data_dir
 from ..spectra import spectrum
-from .recipe import CameraEntry, Film, Recipe
-from .work import pixels
+from .recipe import Film
 
 Spectrum = tuple[NDArray[np.float64], NDArray[np.float64]]  # wavelengths [nm], power
 ELECTRON_C = 1.602176634e-19
@@ -173,27 +172,3 @@ def frame_times_us(
     begin = phase_ms * 1e3 + np.arange(math.ceil(duration_us / period_us)) * period_us
     whole = (begin >= rolled_us) & (begin + exposure_us + rolled_us <= duration_us)
     return [(round(b), round(b + exposure_us)) for b in begin[whole]]
-
-
-def light_instants(recipe: Recipe, drawn: dict[str, Any], entry: CameraEntry) -> list[tuple[int, int]]:
-    """Ranges [begin, end) of the instants that a camera's light needs: those of the exposures if only an RGB camera
-    sees it, otherwise all from 0 to the end (the last may be later)."""
-    fps = float(recipe.render_options(recipe.scene(drawn["scene"]), entry)["fps"])
-    last = math.ceil(drawn["duration_s"] * fps - 1e-9)
-    shared = any(c.pixels_of == entry.name and not c.has_light for c in recipe.cameras)
-    times = _exposures_us(entry, pixels(recipe, entry)[1], drawn) if entry.film and not shared else []
-    needed = np.full(last, not times)  # intervals
-    for begin, end in times:
-        needed[math.floor(begin * 1e-6 * fps + 1e-9) : math.ceil(end * 1e-6 * fps - 1e-9)] = True
-    bounds = np.flatnonzero(np.diff(needed, prepend=False, append=False)).reshape(-1, 2)
-    return [(int(begin), int(end) + 1) for begin, end in bounds]
-
-
-def _exposures_us(entry: CameraEntry, height: int, drawn: dict[str, Any]) -> list[tuple[float, float]]:
-    """Begin of the first and end of the last row's exposure, of each picture."""
-    film, own = entry.film, drawn["cameras"][entry.name]
-    assert film
-    rolled_us = film.rolled_us(height)
-    duration_us = drawn["duration_s"] * 1e6
-    times = frame_times_us(film, height, duration_us, own["exposure_ms"], own["phase_ms"])
-    return [(begin - rolled_us, end + rolled_us) for begin, end in times]

@@ -1,14 +1,50 @@
-"""Tables of a recipe: values that are fixed, or drawn for each sequence."""
+"""Tables of a recipe: dataclasses whose fields are keys, and values that are fixed, or drawn for each sequence.
+
+@dataclass(frozen=True)
+class Truth:
+    fps: float = key(Table.number, 20.0, low=1e-3)
+
+truth = Table({"fps": 50}, "r.toml").into(Truth)
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .._config import Fields, is_number, wanted_number
+
+T = TypeVar("T")
+
+
+def key(
+    read: Callable[..., Any],
+    *args: Any,
+    name: str = "",
+    only: Callable[[Table], bool] = lambda table: True,
+    absent: Any = None,
+    **limits: Any,
+) -> Any:
+    """A field of a dataclass that `read(table, key, ...)` gets from a table. name: of the key, by default the field's.
+    only: whether the table may have the key; `absent` is the value if it may not."""
+
+    def get(table: Table, key: str) -> Any:
+        return read(table, name or key, *args, **limits) if only(table) else absent
+
+    return field(metadata={"get": get})
+
+
+def optional(read: Callable[..., Any], *args: Any, **more: Any) -> Any:
+    """As `key`, of a key that may be absent: None."""
+
+    def get(table: Table, key: str, *args: Any, **limits: Any) -> Any:
+        return read(table, key, *args, **limits) if table.has(key) else None
+
+    return key(get, *args, **more)
 
 
 @dataclass(frozen=True)
@@ -52,6 +88,22 @@ class Value:
 
 
 class Table(Fields):
+    def into(self, kind: type[T], **given: Any) -> T:
+        """A dataclass of the table, which has no keys but its fields' and those that were read before; `given`: fields
+        that are no keys."""
+        found = {f.name: f.metadata["get"](self, f.name) for f in fields(kind) if f.metadata}  # type: ignore[arg-type]
+        self.done()
+        return kind(**found, **given)
+
+    def part(self, key: str, kind: type[T]) -> T:
+        """A table below this one, which may be absent, as a dataclass."""
+        return self.table(key, {}).into(kind)
+
+    def all(self, key: str, read: Callable[[Table, str], Any]) -> dict[str, Any]:
+        """Each key of a table below this one, which may be absent, by `read(table, key)`."""
+        table = self.table(key, {})
+        return {name: read(table, name) for name in table.keys()}
+
     def value(self, key: str, default: Any = None, low: float = -math.inf, high: float = math.inf) -> Value:
         """A number, or a rule to draw it: [low, high], {log = [low, high]}, {normal = [mean, sd], range = [low, high]}
         or {choice = [...]}."""

@@ -20,10 +20,9 @@ from typing import Any
 from .._errors import PecsOutputError
 from .._files import lock_file, sha256, write_json
 from .._library import version
-from ..chip import Chip
 from .files import read_object
 from .manifest import sequence_folder
-from .recipe import CameraEntry, Recipe
+from .plan import SequencePlan
 
 REQUEST = "drawn.json"
 RUNS = "runs.log"  # when each process began to work on the sequence, in seconds since 1970
@@ -38,40 +37,24 @@ class Work:
     """A sequence being made. folder: SET/sequences/NNNN.partial. say(step) reports a step, say(step, progress) how far
     it is."""
 
-    recipe: Recipe
-    index: int
-    drawn: dict[str, Any]
+    plan: SequencePlan
     folder: Path
     say: Callable[..., None]
 
-    @property
-    def name(self) -> str:
-        return f"{self.index:04d}"
-
-    @property
-    def duration_us(self) -> int:
-        return round(self.drawn["duration_s"] * 1e6)
-
-    def stack(self, entry: CameraEntry) -> Path:
-        return self.folder / (entry if entry.has_light else self.recipe.owner(entry)).name / "stack"
-
-    def truth(self, entry: CameraEntry) -> Path:
-        return self.folder / self.recipe.owner(entry).name / "truth"
-
 
 @contextmanager
-def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., None]) -> Iterator[Work | None]:
-    """The work on sequence `index` of output/sequences, for this process alone; None if the sequence exists. The folder
+def sequence_work(plan: SequencePlan, output: Path, say: Callable[..., None]) -> Iterator[Work | None]:
+    """The work on a sequence of output/sequences, for this process alone; None if the sequence exists. The folder
     gets its name when the block ends without an exception, while the lock is still held. Raises Busy, and
     PecsOutputError if the sequence was begun or made from another request."""
-    drawn, final = recipe.draw(index), sequence_folder(output, index)
-    work = Work(recipe, index, drawn, final.with_name(f"{final.name}.partial"), say)
+    final = sequence_folder(output, plan.index)
+    work = Work(plan, final.with_name(f"{final.name}.partial"), say)
     if not final.is_dir():
         final.parent.mkdir(parents=True, exist_ok=True)
         with locked(work.folder):
             if not final.is_dir():  # may have appeared before the lock was taken
                 work.folder.mkdir(exist_ok=True)
-                now = request(recipe, drawn)
+                now = request(plan)
                 _compare(work.folder, now, finished=False)
                 write_json(work.folder / REQUEST, now)
                 with (work.folder / RUNS).open("a") as runs:
@@ -79,7 +62,7 @@ def sequence_work(recipe: Recipe, index: int, output: Path, say: Callable[..., N
                 yield work
                 work.folder.rename(final)
                 return
-    _compare(final, request(recipe, drawn), finished=True)
+    _compare(final, request(plan), finished=True)
     yield None
 
 
@@ -91,19 +74,19 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def request(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Any]:
+def request(plan: SequencePlan) -> dict[str, Any]:
     """Everything that determines a sequence: drawn values, options, the content of its files, and versions."""
-    scene = recipe.scene(drawn["scene"])
+    recipe = plan.recipe
     decides = {
         "seed": recipe.seed,
-        "drawn": drawn,
-        "scene": scene.options,
+        "drawn": plan.drawn,
+        "scene": plan.scene.options,
         "cameras": recipe.cameras,
         "imu": recipe.imu,
         "limits": recipe.limits,
         "render": recipe.render | recipe.permission,
         "truth": recipe.truth,
-        "files": _sums(_files(recipe, drawn)),
+        "files": _sums(plan.files),
         "versions": {"pecs": version(), "bpy": _bpy_version(os.environ.get("PECS_BLENDER_PYTHON", sys.executable))},
     }
     found: dict[str, Any] = portable(json.loads(json.dumps(decides, default=_finite, allow_nan=False)))
@@ -115,22 +98,6 @@ def _finite(entry: Any) -> dict[str, Any]:
     return {key: value for key, value in vars(entry).items() if value not in (math.inf, -math.inf)}
 
 
-def beside(recipe: Recipe, name: str) -> Path | None:
-    """The file of that name beside the recipe, or None."""
-    path = recipe.path.parent / name
-    return path if path.is_file() else None
-
-
-def pixels(recipe: Recipe, entry: CameraEntry) -> tuple[int, int, float]:
-    """Width and height of a camera's picture, and the pitch of its pixels [um]."""
-    owner = recipe.owner(entry)
-    if owner.kind == "rgb":
-        return int(owner.width or 0), int(owner.height or 0), float(owner.pixel_pitch_um or 0)
-    with Chip(beside(recipe, str(owner.chip)) or str(owner.chip)) as chip:
-        width, height = owner.width or chip.width, owner.height or chip.height
-        return width, height, chip.pixel_pitch_m * 1e6 * (chip.width or width) / width  # the film is the whole chip
-
-
 def portable(value: Any) -> Any:
     """JSON without folders of this machine: absolute paths become names."""
     if isinstance(value, dict):
@@ -138,17 +105,6 @@ def portable(value: Any) -> Any:
     if isinstance(value, list):
         return [portable(entry) for entry in value]
     return Path(value).name if isinstance(value, str) and value.startswith("/") else value
-
-
-def _files(recipe: Recipe, drawn: dict[str, Any]) -> dict[str, Path]:
-    """Input files and folders of a sequence, by the names in the recipe."""
-    scene = recipe.scene(drawn["scene"])
-    names = [name for thing in drawn["place"] for name in (thing["file"], thing["texture"]) if name]
-    names += [str(drawn["trajectory"]["file"])] if "file" in drawn["trajectory"] else []
-    names += [str(value) for value in drawn["parameters"].values()]
-    names += [name for c in recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
-    found = {name: path for name in names if (path := beside(recipe, name))}
-    return found | {f"scene {scene.name}": scene.path}
 
 
 def _sums(files: dict[str, Path]) -> dict[str, Any]:

@@ -10,8 +10,8 @@ pecs = pytest.importorskip("pecs")
 pytest.importorskip("scipy")
 
 from pecs.datasets import recipe  # noqa: E402
+from pecs.datasets.plan import Plan  # noqa: E402
 from pecs.datasets.table import Table  # noqa: E402
-from pecs.datasets.work import pixels  # noqa: E402
 
 RECIPE = """
 name = "t"
@@ -58,27 +58,30 @@ def load(tmp_path):
     return run
 
 
+def draws(found, count=50):
+    return [Plan(found).sequence(i).drawn for i in range(count)]
+
+
 def test_each_value_has_a_generator_of_its_own(load):
-    found = load()
-    draws = [found.draw(i) for i in range(50)]
-    assert draws == [load().draw(i) for i in range(50)]
+    before = draws(load())
+    assert before == draws(load())
     longer = load(replace={"sequences = 4": "sequences = 999", "exposure_ms = [1, 2]": "exposure_ms = [3, 4]"})
-    for a, b in zip(draws, (longer.draw(i) for i in range(50)), strict=True):
+    for a, b in zip(before, draws(longer), strict=True):
         assert a["parameters"] == b["parameters"] and a["cameras"]["left"] == b["cameras"]["left"]
         assert a["cameras"]["film"]["exposure_ms"] < 2.5 < b["cameras"]["film"]["exposure_ms"]
     other = load(replace={"seed = 3": "seed = 4"})
-    assert other.draw(0)["parameters"] != draws[0]["parameters"]
+    assert draws(other, 1)[0]["parameters"] != before[0]["parameters"]
 
 
 def test_rules_cover_their_ranges(load):
-    draws = [load().draw(i) for i in range(400)]
-    rpm = np.log([d["parameters"]["rpm"] for d in draws])
+    found = draws(load(), 400)
+    rpm = np.log([d["parameters"]["rpm"] for d in found])
     share = np.histogram(rpm, bins=4, range=np.log((10, 1000)))[0]
     assert share.sum() == 400 and share.min() > 70
-    on = np.array([d["cameras"]["left"]["overrides"]["contrast_threshold_on"] for d in draws])
+    on = np.array([d["cameras"]["left"]["overrides"]["contrast_threshold_on"] for d in found])
     assert (0.1 <= on).all() and (on <= 0.3).all() and abs(on.mean() - 0.2) < 0.01 and 0.03 < on.std() < 0.05
-    assert {d["parameters"]["lamp_spectrum"] for d in draws} == {"led_b1", "led_b3"}
-    assert {d["parameters"]["wall_reflectance"] for d in draws} == {0.1, 0.2}
+    assert {d["parameters"]["lamp_spectrum"] for d in found} == {"led_b1", "led_b3"}
+    assert {d["parameters"]["wall_reflectance"] for d in found} == {0.1, 0.2}
 
 
 @pytest.mark.parametrize("table", ["render", "scene.options", "rig.camera.options"])
@@ -95,7 +98,7 @@ def test_a_recipe_cannot_allow_scripts(tmp_path, table, value):
 
 @pytest.mark.parametrize("count", [4, 8, 100])
 def test_splits_are_even_for_any_number(load, count):
-    splits = [load().draw(i)["split"] for i in range(count)]
+    splits = [drawn["split"] for drawn in draws(load(), count)]
     assert abs(splits.count("train") - 0.75 * count) <= 1.5 and splits.count("val") == 0
 
 
@@ -113,6 +116,10 @@ def test_splits_are_even_for_any_number(load, count):
         ('name = "film"', 'name = "../x"', "wanted letters, digits, _ and -"),
         ('pixels_of = "left"', 'pixels_of = "lift"', "got lift, wanted the name of another camera of the rig"),
         ('kind = "rgb"\npixels_of = "left"', 'kind = "rgb"', "pixel_pitch_um: got nothing, wanted"),
+        ('pixels_of = "left"', 'pixels_of = "left"\nwidth = 64', "rig.camera[1].width: got an unknown key"),
+        ('pixels_of = "left"', 'pixels_of = "left"\nposition_m = [1, 0, 0]', "position_m: got an unknown key"),
+        ("exposure_ms = [1, 2]", "exposure_ms = [1, 2]\n[rig.camera.set]\na = 1", "rig.camera[1].set: got an unknown"),
+        ("exposure_ms = [1, 2]", 'exposure_ms = [1, 2]\npreset = "v2e_noisy"', "preset: got an unknown key"),
         ('kind = "still"', "", "trajectory: got nothing, wanted a table with kind"),
         ("train = 0.75", "train = 0.75\nholdout = 1", "split.holdout: got an unknown key"),
         ("[split]\ntrain = 0.75\ntest = 0.25", "[split]\ntrain = 0", "no share above 0"),
@@ -156,7 +163,17 @@ def test_a_normal_rule_is_a_truncated_normal_distribution(mean, sd, low, high):
 
 
 def test_layers_of_the_truth_are_the_renderer_s(load):
-    assert load(RECIPE + '[truth]\nlayers = ["depth", "albedo"]').truth["layers"] == ["depth", "albedo"]
+    assert load(RECIPE + '[truth]\nlayers = ["depth", "albedo"]').truth.layers == ["depth", "albedo"]
+
+
+@pytest.mark.parametrize("fps", [7, 30, 300, 1000, 1500])
+def test_the_path_goes_to_the_last_instant(load, fps):
+    """The renderer refuses instants that the camera path does not cover. Without truth, the length is as drawn."""
+    sequence = Plan(load(RECIPE + f"[render]\nfps = {fps}\n[truth]\nlayers = []")).sequence(0)
+    (_, end), *_ = reversed(sequence.ranges(sequence.cameras[0]))
+    _, parameters = sequence.path
+    covered_s = parameters["duration_s"] - 1 / max(1000, fps)
+    assert (end - 1) / fps <= covered_s and (end - 1) / fps >= sequence.duration_s - 1e-9
 
 
 def test_no_recipe(tmp_path):
@@ -178,7 +195,7 @@ def test_mutants_are_read_or_refused_in_one_line(load):
             i = int(rng.integers(len(mutant)))
             mutant[i] = rng.choice(["", "[]", "{}", "nan", "-1", "1e400", '"x"', "[[1]]", "true", "=", mutant[i] * 2])
         try:
-            load("".join(mutant)).draw(0)
+            draws(load("".join(mutant)), 1)
         except pecs.PecsError as e:
             refused += 1
             assert "\n" not in str(e) and e.code in (3, 4), e
@@ -203,7 +220,7 @@ mask = "bad.txt"
 [[rig.camera]]
 name = "film\""""
     found = load(replace={'[[rig.camera]]\nname = "film"': tables})
-    drawn = [found.draw(i)["cameras"]["left"]["biases"]["diff_on"] for i in range(4)]
+    drawn = [drawn["cameras"]["left"]["biases"]["diff_on"] for drawn in draws(found, 4)]
     assert len(set(drawn)) == 4 and all(0 <= value <= 35 for value in drawn)
     stages = {"stc_us": 10000, "afk_hz": [50, 520], "mask": "bad.txt"}
     assert found.cameras[0].stages == stages and not found.cameras[1].stages
@@ -225,18 +242,17 @@ def test_a_preset_sets_the_model(load):
 def test_the_recipes_of_the_examples(path):
     """Each loads, its chips and lenses exist, and its lenses cover the films."""
     found = recipe.load(path)
-    for entry in found.cameras:
-        if entry.pixels_of:
+    for camera in Plan(found).sequence(0).cameras:
+        if not camera.owns_pixels:
             continue
-        drawn = found.draw(0)["cameras"][entry.name]
-        width, height, pitch_um = pixels(found, entry)
+        width, height, pitch_um = camera.pixels.width, camera.pixels.height, camera.pixels.pitch_um
         corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])
-        setting = {"fnumber": drawn["fnumber"], "focus_m": drawn["focus_m"], "pixel_pitch_mm": pitch_um * 1e-3}
-        with pecs.Lens(entry.lens) as lens:
+        setting = {"fnumber": camera.fnumber, "focus_m": camera.focus_m, "pixel_pitch_mm": pitch_um * 1e-3}
+        with pecs.Lens(camera.entry.lens) as lens:
             assert np.isfinite(lens.directions(corners, width=width, height=height, **setting)).all()
     if path.stem == "dsec_like":
         left, right = found.cameras
-        assert right.position_m == [0.6, 0, 0] and found.truth["fps"] == 10 and found.export == ("dsec",)
+        assert right.position_m == [0.6, 0, 0] and found.truth.fps == 10 and found.export == ["dsec"]
         for entry in (left, right):
             with pecs.Chip(entry.chip) as chip:
                 assert (entry.width or chip.width, entry.height or chip.height) == (640, 480)

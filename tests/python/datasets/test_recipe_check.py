@@ -12,6 +12,7 @@ pecs = pytest.importorskip("pecs")
 pytest.importorskip("scipy")
 
 from pecs.datasets import blender, recipe, recipe_check  # noqa: E402
+from pecs.datasets.plan import Plan  # noqa: E402
 
 dataset = partial(run_module, "pecs.datasets", check=False)
 RECIPE = f"""
@@ -78,8 +79,7 @@ def write(tmp_path, old="", new="", text=RECIPE):
 
 
 def test_a_good_recipe(tmp_path):
-    found = recipe.load(write(tmp_path))
-    recipe_check.check(found)
+    recipe_check.check(Plan(recipe.load(write(tmp_path))))
     done = dataset(write(tmp_path), "-o", tmp_path / "set", "--plan")
     assert done.returncode == 0 and "1 sequences" in done.stdout, done.stderr
     assert not (tmp_path / "set").exists()
@@ -159,7 +159,7 @@ def test_what_cannot_be_made_is_known_when_the_recipe_is_read(old, new, line, tm
     text = RECIPE if "kind = " not in old or "recorded" not in new else re.sub("speed_m.*\nvolume.*\n", "", RECIPE)
     path = write(tmp_path, old, new, text)
     with pytest.raises(pecs.PecsError) as error:
-        recipe_check.check(recipe.load(path))
+        recipe_check.check(Plan(recipe.load(path)))
     said = str(error.value)
     assert line in said and said.startswith(f"{path}: ") and "\n" not in said and error.value.code in (3, 4, 6), said
 
@@ -183,7 +183,8 @@ def test_the_flag_reaches_the_renderer(tmp_path):
     import dataclasses
 
     found = dataclasses.replace(recipe.load(write(tmp_path)), allow_scripts=True)
-    assert found.render_options(found.scenes[0], found.cameras[0])["allow_scripts"] is True
+    sequence = Plan(found).sequence(0)
+    assert sequence.light(sequence.cameras[0])["allow_scripts"] is True
     assert not recipe.load(write(tmp_path)).allow_scripts
 
 

@@ -9,7 +9,8 @@ pecs = pytest.importorskip("pecs")
 pytest.importorskip("scipy")
 cv2 = pytest.importorskip("cv2")
 from pecs.datasets import rgb, rig  # noqa: E402
-from pecs.datasets.recipe import Film, generator  # noqa: E402
+from pecs.datasets.plan import generator  # noqa: E402
+from pecs.datasets.recipe import Film  # noqa: E402
 from pecs.datasets.table import Value  # noqa: E402
 from scipy.ndimage import map_coordinates  # noqa: E402
 

@@ -13,6 +13,7 @@ pytest.importorskip("scipy")
 
 from pecs.datasets import recipe, run, work  # noqa: E402
 from pecs.datasets.blender import blender  # noqa: E402
+from pecs.datasets.plan import Plan  # noqa: E402
 
 RECIPE = """
 seed = 3
@@ -41,7 +42,7 @@ fnumber = [4, 8]
 contrast_threshold_on = 0.2
 """
 FILES = ("lamp.csv", "thing.blend", "wood.png", "path.txt")
-STEPS = ("_move", "_render", "_describe", "_sense", "_report", "_drop")
+STEPS = ("_move", "_render", "_describe", "_sense", "_drop")
 
 
 @pytest.fixture
@@ -55,11 +56,13 @@ def set_(tmp_path, monkeypatch):
     for step in STEPS:
         monkeypatch.setattr(run, step, lambda *_: None)
     monkeypatch.setattr(run.recipe_check, "see_corners", lambda *_: None)
+    monkeypatch.setattr(run, "Sequence", lambda _: None)
+    monkeypatch.setattr(run.report, "write", lambda _: None)
     return tmp_path
 
 
 def make(folder):
-    run.make(recipe.load(folder / "r.toml"), 0, folder / "set", 1, lambda _: None)
+    run.make(Plan(recipe.load(folder / "r.toml")).sequence(0), folder / "set", 1, lambda _: None)
     return folder / "set/sequences/0000"
 
 

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from ..._errors import optional_module
 from ..._files import write_text
 from ..._pages import png_bytes
+from ...events import EventWriter
 from ..event_file import EventFile
+from ..sequence import Camera
 
 _CHUNK = 1 << 16
 _GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # every HDF5 library reads it
@@ -93,6 +95,13 @@ def save_events(path: Path, events: EventFile, dtype: str, value: Callable[[NDAr
         np.lib.format.write_array_header_1_0(file, header)
         for block in events.blocks(BLOCK):
             file.write(np.ascontiguousarray(value(block), dtype).tobytes())
+
+
+def write_events(path: Path, camera: Camera, events: EventFile, format: str) -> None:
+    """In a format of `pecs.events`."""
+    with EventWriter(path, camera.width, camera.height, format) as writer:
+        for block in events.blocks(BLOCK):
+            writer.write(block)
 
 
 def write_png(path: Path, picture: NDArray[Any]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._errors import PecsInputError
-from ..sequence import Camera, Sequence
+from ..sequence import Camera, Frame, Sequence, frames_of
 from ..truth import STUFF
 
 # Classes by the names of the lists of DSEC-Detection and Prophesee.
@@ -60,10 +60,19 @@ def event_cameras(sequence: Sequence) -> Iterator[tuple[str, Camera]]:
         yield sequence.name if len(cameras) == 1 else f"{sequence.name}_{camera.name}", camera
 
 
-def require_pictures(name: str, report: Report) -> None:
-    """Raises PecsInputError if no camera was written, for a format whose reader requires pictures."""
+def with_pictures(
+    format: str, sequences: list[Sequence], report: Report
+) -> Iterator[tuple[Sequence, str, Camera, list[Frame]]]:
+    """Event cameras as of `event_cameras`, with the pictures of their pixels, for a format whose reader requires them.
+    Cameras without are left out; raises PecsInputError if that are all."""
+    for sequence in sequences:
+        for name, camera in event_cameras(sequence):
+            if frames := frames_of(sequence, camera):
+                yield sequence, name, camera, frames
+            else:
+                report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
     if not report.sequences:
-        raise PecsInputError(f"{name}: {NO_FRAMES}")
+        raise PecsInputError(f"{format}: {NO_FRAMES}")
 
 
 def truth_at(camera: Camera, t_us: float) -> int | None:
@@ -90,7 +99,6 @@ class Box:
     h: float
     name: str
     track: int
-    visible_px: int
     occluded: float
     truncated: float
     amodal: tuple[float, float, float, float]  # x, y, w, h
@@ -109,7 +117,7 @@ def boxes(camera: Camera, i: int) -> Iterator[Box]:
             *(x0, y0, x1 - x0, y1 - y0),
             name,
             int(row["id"]),
-            *(int(row["visible_px"]), float(row["occluded"]), float(row["truncated"])),
+            *(float(row["occluded"]), float(row["truncated"])),
             (a0, b0, a1 - a0, b1 - b0),
         )
 

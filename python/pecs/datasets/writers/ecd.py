@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import events as event_io
 from ..._files import write_json
 from ..._poses import position_quaternion, write_euroc_imu
 from ..files import npy_bytes, read_picture
 from ..sequence import Camera, Sequence, frames_of, rig_from_imu
-from ._files import BLOCK, grey, write_lines, write_png
+from ._files import BLOCK, grey, write_events, write_lines, write_png
 from ._shared import NO_FRAMES, Report, event_cameras, four
 
 
@@ -54,9 +53,7 @@ def _write_events(folder: Path, camera: Camera, sequence: Sequence, report: Repo
             for block in events.blocks(BLOCK):
                 rows = zip(*(block[c].tolist() for c in "txyp"), strict=True)
                 file.writelines(f"{t // 1_000_000}.{t % 1_000_000:06d} {x} {y} {p}\n" for t, x, y, p in rows)
-        with event_io.EventWriter(folder / "e2vid.txt", camera.width, camera.height, "e2vid") as writer:
-            for block in events.blocks(BLOCK):
-                writer.write(block)
+        write_events(folder / "e2vid.txt", camera, events, "e2vid")
         report.count(sequence.name, events=len(events))
 
 

@@ -20,27 +20,21 @@ from typing import Any
 import numpy as np
 
 from ..files import read_picture
-from ..sequence import Camera, Frame, Sequence, frames_of
+from ..sequence import Camera, Frame, Sequence
 from ._files import grey, hdf5, put, put_events
-from ._shared import NO_FRAMES, Report, event_cameras, require_pictures
+from ._shared import Report, with_pictures
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
     report = Report({"depth, masks, boxes, poses, IMU, causes, objects": "the format has no place for them"})
-    for sequence in sequences:
-        for name, camera in event_cameras(sequence):
-            if not frames_of(sequence, camera):
-                report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
-                continue
-            with hdf5(folder / sequence.split / f"{name}.h5") as file:
-                _put_camera(file, sequence, camera, report)
-    require_pictures("event_cnn", report)
+    for sequence, name, camera, frames in with_pictures("event_cnn", sequences, report):
+        with hdf5(folder / sequence.split / f"{name}.h5") as file:
+            _put_camera(file, sequence, camera, frames, report)
     return report
 
 
-def _put_camera(file: Any, sequence: Sequence, camera: Camera, report: Report) -> None:
-    frames = frames_of(sequence, camera)
+def _put_camera(file: Any, sequence: Sequence, camera: Camera, frames: list[Frame], report: Report) -> None:
     with camera.event_file() as events:
         columns = {f"events/{c}s": ("<u2", lambda e, c=c: e[c]) for c in "xy"}
         columns |= {"events/ts": ("<f8", lambda e: e["t"] * 1e-6), "events/ps": ("?", lambda e: e["p"] == 1)}

@@ -18,34 +18,30 @@ import numpy as np
 
 from ..._files import write_json
 from ..files import npy_bytes, read_picture
-from ..sequence import Camera, Sequence, frames_of
+from ..sequence import Camera, Frame, Sequence
 from ._files import grey, save_events
-from ._shared import NO_FRAMES, Report, event_cameras, require_pictures
+from ._shared import Report, with_pictures
 
 
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
     report = Report({"truth, poses, IMU, causes, objects": "EVREAL compares pictures alone"})
-    for sequence in sequences:
-        for name, camera in event_cameras(sequence):
-            _write_camera(folder / name, sequence, camera, report)
-    require_pictures("evreal", report)
+    for sequence, name, camera, frames in with_pictures("evreal", sequences, report):
+        count = _write_camera(folder / name, camera, frames)
+        report.count(sequence.name, events=count, pictures=len(frames))
     return report
 
 
-def _write_camera(folder: Path, sequence: Sequence, camera: Camera, report: Report) -> None:
-    frames = frames_of(sequence, camera)
-    if not frames:
-        report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
-        return
+def _write_camera(folder: Path, camera: Camera, frames: list[Frame]) -> int:
+    """The number of events."""
     folder.mkdir()
     with camera.event_file() as events:
         save_events(folder / "events_ts.npy", events, "<f8", lambda e: e["t"] * 1e-6)
         save_events(folder / "events_xy.npy", events, "<i2", lambda e: np.stack([e["x"], e["y"]], 1), 2)
         save_events(folder / "events_p.npy", events, "?", lambda e: e["p"] == 1)
-        report.count(sequence.name, events=len(events), pictures=len(frames))
         indices = np.array([[events.index(f.middle_us)] for f in frames], np.int64)
         (folder / "image_event_indices.npy").write_bytes(npy_bytes(indices))
+        count = len(events)
     times = np.array([[f.middle_us * 1e-6] for f in frames])
     (folder / "images_ts.npy").write_bytes(npy_bytes(times))
     header = {"descr": "|u1", "fortran_order": False, "shape": (len(frames), camera.height, camera.width, 1)}
@@ -54,3 +50,4 @@ def _write_camera(folder: Path, sequence: Sequence, camera: Camera, report: Repo
         for frame in frames:
             file.write(grey(read_picture(frame.path)).tobytes())
     write_json(folder / "metadata.json", {"sensor_resolution": [camera.height, camera.width]})
+    return count

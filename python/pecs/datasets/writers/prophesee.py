@@ -20,12 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import events as event_io
 from ..._errors import UsageError
 from ..._files import write_json
 from ..files import npy_bytes
 from ..sequence import Camera, Sequence
-from ._files import BLOCK, event_columns, hdf5, put, put_events
+from ._files import event_columns, hdf5, put, put_events, write_events
 from ._shared import Report, boxes, class_numbers, event_cameras, report_unread
 
 _LEFT_OUT = ("pictures, depth, flow, masks, poses, IMU", "causes and objects of events")
@@ -85,10 +84,7 @@ def _write_events(at: Path, camera: Camera, generation: str, kinds: str) -> int:
                 put(file, "events/height", np.int64(camera.height))
                 put(file, "events/width", np.int64(camera.width))
         if kinds in ("dat", "both"):
-            path = at.with_name(at.name + "_td.dat")
-            with event_io.EventWriter(path, camera.width, camera.height, "dat") as writer:
-                for block in events.blocks(BLOCK):
-                    writer.write(block)
+            write_events(at.with_name(at.name + "_td.dat"), camera, events, "dat")
         return len(events)
 
 

@@ -24,13 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import events as event_io
 from ..._files import write_json
 from ..event_file import EventFile
 from ..files import npy_bytes
-from ..sequence import Camera, Frame, Sequence, frames_of
-from ._files import BLOCK
-from ._shared import NO_FRAMES, Report, event_cameras, require_pictures
+from ..sequence import Camera, Frame, Sequence
+from ._files import write_events
+from ._shared import Report, with_pictures
 
 BINS = 4  # E2NeRF's b
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # of camera axes
@@ -40,13 +39,8 @@ _STILL_M = 1e-6
 def write(sequences: list[Sequence], folder: Path) -> Report:
     """No options."""
     report = Report({"truth, IMU, causes, objects": "radiance fields take pictures, poses and events"})
-    for sequence in sequences:
-        for name, camera in event_cameras(sequence):
-            if frames := frames_of(sequence, camera):
-                _write_camera(folder / sequence.split / name, sequence, camera, frames, report)
-            else:
-                report.leave_out(f"camera {camera.name}", NO_FRAMES, sequence.name)
-    require_pictures("radiance", report)
+    for sequence, name, camera, frames in with_pictures("radiance", sequences, report):
+        _write_camera(folder / sequence.split / name, sequence, camera, frames, report)
     return report
 
 
@@ -54,9 +48,7 @@ def _write_camera(folder: Path, sequence: Sequence, camera: Camera, frames: list
     for name in ("images", "images_sharp"):
         (folder / name).mkdir(parents=True)
     with camera.event_file() as events:
-        with event_io.EventWriter(folder / "events.txt", camera.width, camera.height, "v2e") as writer:
-            for block in events.blocks(BLOCK):
-                writer.write(block)
+        write_events(folder / "events.txt", camera, events, "v2e")
         counts = np.stack([_counts(events, camera, frame) for frame in frames])
         (folder / "events.npy").write_bytes(npy_bytes(counts))
         report.count(sequence.name, events=len(events), pictures=len(frames))
