@@ -5,7 +5,11 @@
 // Numbers with a unit take quantity() (units.h), files to write are added by add_output(); warnings and run records go
 // through Console. A callback reports failure by throwing pecs::Error.
 #include <CLI/CLI.hpp>
+#include <memory>
+#include <optional>
 #include <string>
+
+#include "pecs/sensor/pixel_model.h"
 
 // In the order of --help.
 #define PECS_COMMANDS(X) \
@@ -22,6 +26,14 @@ PECS_COMMANDS(PECS_DECLARE)
 #undef PECS_DECLARE
 
 void add_version(CLI::App& app);  // --version
+
+// The Python that PECS_PYTHON names, that of the checkout or environment that contains this program, or the system's.
+// variable: one that precedes PECS_PYTHON.
+std::string python(const char* variable = "PECS_PYTHON");
+// FILE.py of a model FILE.py:NAME; nothing for another name.
+std::optional<std::string> python_file(const std::string& model);
+// Runs FILE.py. Throws what is wrong with it.
+std::shared_ptr<const sensor::UserModelEntry> python_model(const std::string& model, bool verbose);
 
 // An option or positional for the path of a file to write; check_options knows it by this type.
 inline constexpr const char* kOutput = "OUTPUT";

@@ -32,24 +32,12 @@ const PythonCommand kCommands[] = {
      "PECS_BLENDER_PYTHON"},
 };
 
-// The Python named by the variable, by PECS_PYTHON, that of the checkout or environment that contains this program, or
-// the system's.
-std::string python(const char* variable, const std::filesystem::path& program) {
-  for (const char* name : {variable, "PECS_PYTHON"})
-    if (const char* named = std::getenv(name)) return named;
-  std::error_code error;
-  for (std::filesystem::path folder = program.parent_path(); folder.has_relative_path(); folder = folder.parent_path())
-    for (const char* own : {".venv/bin/python", "bin/python3"})
-      if (std::filesystem::exists(folder / own, error)) return (folder / own).string();
-  return "python3";
-}
-
 // Replaces this process. The module finds this program by PECS_PROGRAM.
 [[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments,
                           const Console& console) {
   const std::filesystem::path self = platform::own_program();
   if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
-  const std::string program = python(command.variable, self);
+  const std::string program = python(command.variable);
   std::vector<std::string> words = {program, "-m", "pecs._command"};
   words.insert(words.end(), command.words.begin(), command.words.end());
   if (console.quiet()) words.emplace_back("--quiet");
@@ -61,6 +49,17 @@ std::string python(const char* variable, const std::filesystem::path& program) {
 }
 
 }  // namespace
+
+std::string python(const char* variable) {
+  for (const char* name : {variable, "PECS_PYTHON"})
+    if (const char* named = std::getenv(name)) return named;
+  std::error_code error;
+  for (std::filesystem::path folder = platform::own_program().parent_path(); folder.has_relative_path();
+       folder = folder.parent_path())
+    for (const char* own : {".venv/bin/python", "bin/python3"})
+      if (std::filesystem::exists(folder / own, error)) return (folder / own).string();
+  return "python3";
+}
 
 void add_python(CLI::App& app, Console& console) {
   for (const PythonCommand& command : kCommands) {

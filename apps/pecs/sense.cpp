@@ -84,11 +84,13 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
       ->capture_default_str();
   sub->add_option("--preset", o->preset,
                   "published setting of another simulator: model, parameters and values of the chip (pecs presets)");
-  o->own_model = sub->add_option("--model", o->model.name,
-                                 fmt::format("pixel model: {}; all but pecs are models of other simulators",
-                                             fmt::join(sensor::model_names(), ", ")))
-                     ->capture_default_str();
-  sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of another simulator's model (once per key)")
+  o->own_model =
+      sub->add_option("--model", o->model.name,
+                      fmt::format("pixel model: {}, or FILE.py:NAME, Python that is run; all others but pecs "
+                                  "are models of other simulators",
+                                  fmt::join(sensor::model_names(), ", ")))
+          ->capture_default_str();
+  sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the model, other than pecs (once per key)")
       ->allow_extra_args(false);
   sub->add_option("--white", o->white_a, "photocurrent of white, for the other models (default: first frame's 99.5 %)")
       ->transform(quantity("A"))
@@ -144,11 +146,17 @@ void resolve(SenseArguments& o, const Console& console) {
   if (o.shown->count() && !o.view) throw Error(ExitCode::usage, "--window: valid only with --view");
 }
 
-sensor::SenseReport run(SenseArguments& o) {
-  if (o.view) {
-    o.screen.video = o.output.string() + ".mp4";  // a further output
-    check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
-  }
+// Files that are read.
+std::vector<std::filesystem::path> inputs(const SenseArguments& o) {
+  std::vector<std::filesystem::path> files = {o.stack};
+  if (const auto file = python_file(o.model.name)) files.emplace_back(*file);
+  return files;
+}
+
+sensor::SenseReport run(SenseArguments& o, const Console& console) {
+  if (o.view) o.screen.video = o.output.string() + ".mp4";  // a further output
+  check_outputs(inputs(o), {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
+  if (python_file(o.model.name)) o.model.user = python_model(o.model.name, console.verbose());
   o.source = input::open_frames(o.stack, {o.times, o.colour_space, o.ocio_config});
   return o.view ? input::sense_on_screen(o.screen, o) : sensor::sense(o);
 }
@@ -202,8 +210,8 @@ void add_sense(CLI::App& app, Console& console) {
                 "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);
-    const sensor::SenseReport report = run(*o);
-    console.record(o->output, {"sense", report.config, {o->stack}, report.results});
+    const sensor::SenseReport report = run(*o, console);
+    console.record(o->output, {"sense", report.config, inputs(*o), report.results});
     print(*o, report, console);
   });
 }

@@ -4,12 +4,14 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #include "pecs/error.h"
 
@@ -38,6 +40,45 @@ fs::path own_binary() {
 fs::path own_program() {
   std::error_code error;
   return fs::read_symlink("/proc/self/exe", error);
+}
+
+Child::Child(const std::string& program, std::vector<std::string> words) {
+  int ends[2];
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+    throw Error(ExitCode::internal, program + ": " + std::strerror(errno));
+  stream_ = Descriptor(ends[0]);
+  const Descriptor theirs(ends[1]);
+  process_ = ::fork();
+  if (process_ < 0) throw Error(ExitCode::internal, program + ": " + std::strerror(errno));
+  if (process_ > 0) return;
+  if (::dup2(theirs.number(), STDIN_FILENO) >= 0 && ::dup2(STDERR_FILENO, STDOUT_FILENO) >= 0)
+    become(program, std::move(words));
+  ::_exit(127);
+}
+
+Child::~Child() {
+  stream_ = Descriptor();
+  if (process_ > 0) ::waitpid(process_, nullptr, 0);
+}
+
+bool Child::write(const void* bytes, std::size_t count) {
+  for (const char* next = static_cast<const char*>(bytes); count > 0;) {
+    const ssize_t sent = ::send(stream_.number(), next, count, MSG_NOSIGNAL);
+    if (sent < 0 && errno == EINTR) continue;
+    if (sent <= 0) return false;
+    next += sent, count -= static_cast<std::size_t>(sent);
+  }
+  return true;
+}
+
+bool Child::read(void* bytes, std::size_t count) {
+  for (char* next = static_cast<char*>(bytes); count > 0;) {
+    const ssize_t got = ::recv(stream_.number(), next, count, 0);
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return false;
+    next += got, count -= static_cast<std::size_t>(got);
+  }
+  return true;
 }
 
 std::string become(const std::string& program, std::vector<std::string> words) {

@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
   }
   snprintf(options, sizeof options, "{\"width\": %d, \"height\": %d, \"chip\": \"%s\", \"photocurrent_a\": 1e-12}",
            kWidth, kHeight, argc > 2 ? argv[2] : "imx636");
-  pecs_sensor* sensor = pecs_sensor_open(options, &error);
+  pecs_sensor* sensor = pecs_sensor_open(options, NULL, &error);
   check(sensor != NULL, &error);
   snprintf(options, sizeof options, "{\"width\": %d, \"height\": %d}", kWidth, kHeight);
   pecs_event_writer* writer = pecs_event_writer_create(argv[1], options, &error);

@@ -23,8 +23,8 @@ pecs::Json model_json(const std::string& name) {
         {{"key", p.key}, {"unit", p.unit}, {"value", p.value}, {"min", p.min}, {"max", p.max}, {"meaning", p.meaning}});
   return {{"name", name},
           {"source", model_source(name)},
-          {"takes_light", model_traits(name).takes_light},
-          {"tells_causes", model_traits(name).tells_causes},
+          {"takes_light", model_traits({name}).takes_light},
+          {"tells_causes", model_traits({name}).tells_causes},
           {"parameters", parameters}};
 }
 

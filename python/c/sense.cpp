@@ -2,6 +2,7 @@
 #include "pecs/sensor/sense.h"
 
 #include "guard.h"
+#include "handles.h"
 #include "pecs/files.h"
 #include "pecs/run_record.h"
 #include "pecs/sensor/sense_options.h"
@@ -25,11 +26,12 @@ pecs::Json warnings_of(const SenseOptions& options, const pecs::Json& results) {
 
 }  // namespace
 
-extern "C" char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
-                            void* user, pecs_error* error) {
+extern "C" char* pecs_sense(const char* input, const char* output, const char* options_json, const pecs_model* model,
+                            pecs_progress_fn progress, void* user, pecs_error* error) {
   return pecs::capi::guard(error, [&] {
     const pecs::Json json = pecs::capi::options_from(options_json);
     SenseOptions options = sense_options(pecs::JsonObject(json, "options"));
+    pecs::capi::use_model(model, options.model);
     options.stack = &given(input, "input");
     options.output = &given(output, "output");
     pecs::check_outputs({options.stack, options.times.file_us.value_or(""), options.bias_file.value_or(""),

@@ -11,6 +11,7 @@
 #include <cmath>
 
 #include "guard.h"
+#include "handles.h"
 #include "pecs/sensor/choose_bands.h"
 #include "pecs/sensor/sense_options.h"
 
@@ -30,10 +31,11 @@ struct pecs_sensor {
 
 namespace {
 
-pecs_sensor* open_sensor(const pecs::Json& json) {
+pecs_sensor* open_sensor(const pecs::Json& json, const pecs_model* model) {
   pecs::JsonObject o(json, "options");
   SenseOptions options;
   read_sensor_options(o, options);
+  pecs::capi::use_model(model, options.model);
   const Chip chip = chip_of(options);
   const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
@@ -127,8 +129,8 @@ char* pecs_bands(const char* options_json, pecs_error* error) {
   return guard(error, [&] { return pecs::capi::hand_over(choose_bands(pecs::capi::options_from(options_json))); });
 }
 
-pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error) {
-  return guard(error, [&] { return open_sensor(pecs::capi::options_from(options_json)); });
+pecs_sensor* pecs_sensor_open(const char* options_json, const pecs_model* model, pecs_error* error) {
+  return guard(error, [&] { return open_sensor(pecs::capi::options_from(options_json), model); });
 }
 
 int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,

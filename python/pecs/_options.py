@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any, TypedDict
 
 import numpy as np
 
+from ._model import name_of
 from .chip import Chip, chip_options, numbers_by_name
 
 
@@ -16,7 +17,7 @@ class PixelOptions(TypedDict, total=False):
     biases: Mapping[str, float] | None
     bias_file: str | PathLike[str] | None
     preset: str | PathLike[str] | None
-    model: str
+    model: str | Callable[..., Any]
     parameters: Mapping[str, float] | None
     noise: bool
     seed: int
@@ -74,6 +75,8 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
         raise TypeError(f"unexpected option {key!r}; the options are {', '.join(kind.__annotations__)}")
     out = {key: fspath(value) if isinstance(value, PathLike) else value for key, value in options.items()}
     out.pop("encoding", None)  # the frames are converted here
+    if callable(model := out.get("model")):
+        out["model"] = name_of(model)
     for key in ("afk_hz", "afk_pass_hz", "afk_counts", "roi"):
         if out.get(key) is not None:
             out[key] = np.asarray(out[key]).tolist()

@@ -9,8 +9,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from ._c_types import POINTER, TEXT
-from ._errors import PecsError
 from ._library import function, options_bytes, path_bytes, take_json
+from ._model import callbacks, raising
 from ._options import SenseOptions, library_options
 from .chip import Chip
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _Progress = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_void_p)
-_sense = function("pecs_sense", POINTER, TEXT, TEXT, TEXT, _Progress, POINTER)
+_sense = function("pecs_sense", POINTER, TEXT, TEXT, TEXT, POINTER, _Progress, POINTER)
 
 
 def sense(
@@ -98,7 +98,7 @@ def sense(
     PecsOutputError
         The output cannot be written.
     """
-    raised: list[BaseException] = []  # by progress (Ctrl-C too): it stops the work, and comes out behind it
+    raised: list[BaseException] = []  # by progress or the model: it stops the work, and comes out behind it
 
     @_Progress
     def watch(done: float, _user: int | None) -> int:
@@ -110,12 +110,9 @@ def sense(
         return not raised
 
     paths, given = (path_bytes(stack), path_bytes(output)), library_options(chip, options, SenseOptions)
-    try:
-        report: dict[str, Any] = take_json(_sense(*paths, options_bytes(given), watch, None))
-    except PecsError:
-        if raised:
-            raise raised[0] from None
-        raise
+    _kept, model = callbacks(options.get("model"), raised)
+    with raising(raised):
+        report: dict[str, Any] = take_json(_sense(*paths, options_bytes(given), model, watch, None))
     for line in report.pop("warnings"):
         warnings.warn(line, stacklevel=2)
     return report

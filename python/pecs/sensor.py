@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT, unmasked
 from ._library import Handle, function, options_bytes, take_json
+from ._model import callbacks, raising
 from ._options import SensorOptions, library_options
 from .chip import Chip
 from .events import EVENT_DTYPE, Events
@@ -33,7 +34,7 @@ from .motion import CHANNEL_COUNTS
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-_open = function("pecs_sensor_open", POINTER, TEXT)
+_open = function("pecs_sensor_open", POINTER, TEXT, POINTER)
 _frames = (POINTER, FLOATS, DOUBLES, INT64)  # sensor, frames, their times, count
 _push = function("pecs_sensor_push", INT64, *_frames, INT)
 _push_moving = function("pecs_sensor_push_moving", INT64, *_frames, FLOATS, INT, INT)
@@ -102,8 +103,9 @@ class Sensor(Handle):
         A Metavision .bias file or camera settings (.json).
     preset : str or path, optional
         One of `pecs.presets()`: its model, parameters and overrides (given ones win), and an ideal readout.
-    model : str
-        One of `pecs.models()`. Default "pecs". For models that take grey values, 1 is white.
+    model : str or callable
+        One of `pecs.models()`, or a model of your own (docs/howto/add_pixel_model.md). Default "pecs". For models that
+        take grey values, 1 is white.
     parameters : dict of str to float, optional
         Of the model.
     noise : bool
@@ -171,7 +173,11 @@ class Sensor(Handle):
         self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
         self._warns = True
         given = {"width": width, "height": height, "photocurrent_a": 1e-12}
-        super().__init__(_open(options_bytes(given | library_options(chip, options, SensorOptions))))
+        self._raised: list[BaseException] = []  # by a model of the caller's
+        text = options_bytes(given | library_options(chip, options, SensorOptions))
+        self._model, model = callbacks(options.get("model"), self._raised)
+        with raising(self._raised):
+            super().__init__(_open(text, model))
 
     def push(
         self, frame: ArrayLike, t_us: float | ArrayLike, last: bool = False, motion: ArrayLike | None = None
@@ -233,7 +239,7 @@ class Sensor(Handle):
         last: bool,
         motion: NDArray[np.float32] | None = None,
     ) -> Events:
-        with self._use() as handle:
+        with self._use() as handle, raising(self._raised):
             if motion is None:
                 count = _push(handle, frames, times, len(frames), last)
             else:

@@ -44,7 +44,7 @@ TEST_P(EveryModel, ThreadsAndBatchesChangeNothingButTheSeedDoes) {
   EXPECT_EQ(events, run(model, chip, clip, 1, 1000, 1));
   EXPECT_EQ(events, run(model, chip, clip, 1, 7, 7));
   EXPECT_EQ(events, run(model, chip, clip, 1, 1, 2));
-  EXPECT_EQ(events != run(model, chip, clip, 2), model_traits(GetParam()).is_random);
+  EXPECT_EQ(events != run(model, chip, clip, 2), model_traits({GetParam()}).is_random);
 }
 
 TEST_P(EveryModel, AStillSceneWithoutNoiseGivesNothing) {

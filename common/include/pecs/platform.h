@@ -40,6 +40,22 @@ std::filesystem::path own_binary();   // the program or shared library that this
 std::filesystem::path own_program();  // the program; empty where the system does not tell
 // Replaces this process; returns the reason where it cannot.
 std::string become(const std::string& program, std::vector<std::string> words);
+// Another program, which reads and writes one stream of bytes as its standard input; its standard output is stderr. It
+// ends when the stream does.
+class Child {
+ public:
+  Child(const std::string& program, std::vector<std::string> words);  // throws internal
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  ~Child();  // waits for its end
+  // False: the program has ended.
+  bool write(const void* bytes, std::size_t count);
+  bool read(void* bytes, std::size_t count);
+
+ private:
+  Descriptor stream_;
+  int process_ = -1;
+};
 // Whether work() returns in a child process within a time, without a word on stderr.
 bool succeeds_in_child(const std::function<void()>& work, unsigned limit_s);
 void open_standard_descriptors();  // closed ones among 0 to 2 become /dev/null

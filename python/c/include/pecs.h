@@ -238,6 +238,23 @@ PECS_API void pecs_light_close(pecs_light* light);
 
 /* ---- the sensor (sensor) --------------------------------------------------------------------------------------- */
 
+/* A pixel model of the caller's. Its functions are called one at a time, frame by frame, by the thread that pushes or
+ * by one of the library's; what they return is checked. They must not throw. */
+typedef struct pecs_model {
+  int takes_light;  /* planes are photocurrent [A]; 0: grey values from 0 to 255 (white) */
+  int tells_causes; /* events have causes: "labels" may be asked for */
+  void* user;
+  /* A state of its own for each simulation; NULL: failed. setup_json: {"width", "height", "seed", "chip": as of
+   * pecs_chip_info without ranges, "parameters": the option "param"}. */
+  void* (*begin)(const char* setup_json, void* user);
+  /* One interval. planes: [2][height][width], the light at its begin and end; t_us: both times. events: is pointed to
+   * [count][5] numbers t_us, x, y, p (1: ON, 0: OFF) and cause (as of pecs_sensor_labels; 0 without tells_causes), in
+   * any order, from the interval's begin to 10 ms after its end, valid until the next call. Returns count; -1: failed,
+   * and so does the call that simulates. */
+  int64_t (*interval)(void* state, const float* planes, const double* t_us, const double** events);
+  void (*end)(void* state); /* frees the state; may be NULL */
+} pecs_model;
+
 /* Called now and then with the share of the work that is done, from 0 to 1, by any thread. 0 stops the work, which then
  * fails with code 130; anything else goes on. */
 typedef int (*pecs_progress_fn)(double done, void* user);
@@ -246,10 +263,11 @@ typedef int (*pecs_progress_fn)(double done, void* user);
  * for '-' (docs/reference/sensor.md): {"chip": "imx636" | path, "set": {"key": value, ...}, "no_noise": false, "seed":
  * 1, "threads": 0 (all), "preset", "model": "pecs", "param": {"key": value, ...}, "white_a", "readout": "chip" |
  * "ideal", "format", "fps", "times_us": path, "photocurrent_a", "fnumber", "gain", "bands": "all" | "mc:N", "labels":
- * path, "warmup_loops": 0, "warmup_us": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. progress:
- * NULL, or called with `user`. result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
-PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, pecs_progress_fn progress,
-                          void* user, pecs_error* error);
+ * path, "warmup_loops": 0, "warmup_us": 0, "start_us": 0, "duration_us", "motion": true, "render_noise": 1}. model:
+ * NULL, or one of the caller's; "model" is then its name in messages and records. progress: NULL, or called with
+ * `user`. result: {"config": resolved, "results": counts, rates, light, "warnings": [lines]}. */
+PECS_API char* pecs_sense(const char* input, const char* output, const char* options_json, const pecs_model* model,
+                          pecs_progress_fn progress, void* user, pecs_error* error);
 
 /* The motion between two keyframes (docs/reference/sensor.md), prepared for any number of instants. motion:
  * [channels][height][width], the 20 channels of the layer `motion` (docs/reference/exr_stack.md), or 2 (forward optical
@@ -284,8 +302,9 @@ PECS_API int64_t pecs_event_labels(const pecs_event* events, int64_t count, cons
 
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false} and
- * "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of pecs_sense. */
-PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, pecs_error* error);
+ * "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of pecs_sense. model: as of
+ * pecs_sense; its functions must outlive the sensor. */
+PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, const pecs_model* model, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
  * with the second frame after it, or when `last` says that no frame follows. Negative light is taken as 0; a pixel
  * whose value is not finite keeps its last one. Returns how many events there are. */

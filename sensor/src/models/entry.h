@@ -25,6 +25,8 @@ struct ModelEntry {
   std::unique_ptr<PixelModel> (*make)(const ModelSetup&);
 };
 
+std::unique_ptr<PixelModel> make_user_model(const ModelSetup& setup, const ModelChoice& choice);
+
 template <class Model>
 std::unique_ptr<PixelModel> make_model(const ModelSetup& setup) {
   return std::make_unique<Model>(setup);

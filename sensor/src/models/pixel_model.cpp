@@ -25,6 +25,7 @@ const ModelEntry& entry(const std::string& name) {
 
 // Defaults, replaced by the values of `choice`.
 std::map<std::string, double> resolved(const ModelChoice& choice) {
+  if (choice.user) return choice.parameters;
   const ModelEntry& model = entry(choice.name);
   std::map<std::string, double> out;
   for (const ModelParameter& p : model.parameters) out[p.key] = p.value;
@@ -54,22 +55,36 @@ std::vector<std::string> model_names() {
 
 std::span<const ModelParameter> model_parameters(const std::string& model) { return entry(model).parameters; }
 const char* model_source(const std::string& model) { return entry(model).source; }
-const ModelTraits& model_traits(const std::string& model) { return entry(model).traits; }
+ModelTraits model_traits(const ModelChoice& model) {
+  if (!model.user) return entry(model.name).traits;
+  return {.takes_light = model.user->takes_light,
+          .tells_causes = model.user->tells_causes,
+          .pixels_are_independent = false,
+          .in_tiles = false};
+}
 
 std::unique_ptr<PixelModel> open_model(const ModelChoice& choice, const Chip& chip, int width, int height,
                                        std::uint64_t seed, double unit_fa, bool causes) {
-  const ModelEntry& model = entry(choice.name);
+  const ModelTraits traits = model_traits(choice);
   if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide)
     throw bad_input("frames", "size", fmt::format("{}x{}", width, height), fmt::format("1x1 to {0}x{0}", kMaxSide));
-  if (causes && !model.traits.tells_causes) {
+  if (causes && !traits.tells_causes) {
     std::vector<std::string> tell;
     for (const ModelEntry* m : kModels)
       if (m->traits.tells_causes) tell.emplace_back(m->name);
     throw Error(ExitCode::usage, fmt::format("--labels: got model {}, wanted {}", choice.name, fmt::join(tell, ", ")));
   }
   const double grey_per_unit = 255 * unit_fa / (choice.white_fa > 0 ? choice.white_fa : unit_fa);
-  return model.make({chip, width, height, seed, model.traits.takes_light ? unit_fa : grey_per_unit, causes,
-                     resolved(choice), choice.random_phase, choice.noise_seed.value_or(seed)});
+  const ModelSetup setup{chip,
+                         width,
+                         height,
+                         seed,
+                         traits.takes_light ? unit_fa : grey_per_unit,
+                         causes,
+                         resolved(choice),
+                         choice.random_phase,
+                         choice.noise_seed.value_or(seed)};
+  return choice.user ? make_user_model(setup, choice) : entry(choice.name).make(setup);
 }
 
 Json model_to_json(const ModelChoice& choice) {

@@ -49,7 +49,7 @@ void reject_unused(const SenseOptions& options, const FrameSource& source) {
   if (light.fnumber && source.info().quantity != Quantity::radiance) reject("--fnumber", quantity, "radiance");
   if (light.photocurrent_a && source.info().quantity != Quantity::relative)
     reject("--photocurrent", quantity, "relative light, or --gain");
-  if (options.model.white_fa > 0 && model_traits(options.model.name).takes_light)
+  if (options.model.white_fa > 0 && model_traits(options.model).takes_light)
     reject("--white", "model " + options.model.name, "a model that takes pictures");
   if (!options.motion && !source.has_motion()) reject("--no-motion", "no layer motion", "a stack that has one");
 }
@@ -145,7 +145,7 @@ Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
 
 void SenseRun::estimate_noise() {
   std::optional<Simulation> other_recording;
-  if (model_traits(model_.name).takes_noise_seed) other_recording = simulation(~options_.seed);
+  if (model_traits(model_).takes_noise_seed) other_recording = simulation(~options_.seed);
   // The noise of two renders is in the difference of the lights.
   noise_.emplace(*source_, amperes_, std::numbers::sqrt2 * options_.render_noise, simulation(),
                  std::move(other_recording), Repeats(source_->info().width, timeline_.from_us(), timeline_.to_us()));
@@ -166,7 +166,7 @@ std::vector<double> SenseRun::amperes() {
 ModelChoice SenseRun::model() const {
   ModelChoice model = options_.model;
   model.random_phase = options_.window.warmup_us > 0;
-  if (!model_traits(model.name).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, amperes_);
+  if (!model_traits(model).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, amperes_);
   return model;
 }
 

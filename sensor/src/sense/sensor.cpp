@@ -16,8 +16,7 @@ namespace {
 constexpr std::uint32_t kMostTile = 8192;  // pixels
 constexpr std::size_t kTilesPerThread = 16, kPartsPerThread = 4;
 
-// work(tile, events) for the tiles of a region in parallel; consecutive tiles share a part of the sorter. `whole`: the
-// region is one tile.
+// work(tile, events) for the tiles of a region in parallel; consecutive tiles share a part of the sorter.
 template <class Work>
 void for_tiles(PixelRange region, EventSorter& sorter, const Work& work) {
   constexpr std::uint32_t kBlock = PixelModel::kBlock;
@@ -76,14 +75,14 @@ FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<con
 
 PixelArray::PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed,
                        double unit_fa, bool causes)
-    : model_(open_model(choice, chip, width, height, seed, unit_fa, causes)),
-      independent_(model_traits(choice.name).pixels_are_independent) {}
+    : model_(open_model(choice, chip, width, height, seed, unit_fa, causes)), traits_(model_traits(choice)) {}
 
 void PixelArray::advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter) {
   const auto advance = [&](const FrameBatch& frames) {
+    if (!traits_.in_tiles) return model_->advance(frames, region, sorter.part(0));
     for_tiles(region, sorter, [&](PixelRange tile, EventSlots& events) { model_->advance(frames, tile, events); });
   };
-  if (independent_) return advance(batch);
+  if (traits_.pixels_are_independent) return advance(batch);
   for (std::size_t i = 0; i < batch.planes.size(); ++i) {
     const FrameBatch frame = frame_of(batch, i);
     for_tiles(region, sorter, [&](PixelRange tile, EventSlots&) { model_->survey(frame, tile); });

@@ -75,8 +75,8 @@ def test_null_is_refused(header):
 
 def test_a_small_array_is_refused():
     library = ctypes.CDLL(str(_library._find()))
-    opened = _library.function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p)
-    sensor = opened(b'{"width": 4, "height": 4, "photocurrent_a": 1e-12, "chip": "ideal"}')
+    opened = _library.function("pecs_sensor_open", ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+    sensor = opened(b'{"width": 4, "height": 4, "photocurrent_a": 1e-12, "chip": "ideal"}', None)
     frames = (ctypes.c_float * 48)(*[1.0] * 16, *[2.0] * 16, *[3.0] * 16)
     times = (ctypes.c_double * 3)(0, 1000, 2000)
     library.pecs_sensor_push.restype = ctypes.c_int64

@@ -2,8 +2,8 @@
 name exist, links lead somewhere.
 
 A block that is not run says why in a comment before it: `<!-- not run: REASON -->`. `<!-- run with: OPTIONS -->` adds
-options to the renders of a block, so that they take seconds. A block of JSON with a title is a file. A text block with
-the title "printed" lists lines that the block before it prints."""
+options to the renders of a block, so that they take seconds. A block of JSON or Python with a title is a file. A text
+block with the title "printed" lists lines that the block before it prints."""
 
 import io
 import json
@@ -59,6 +59,7 @@ def my_blend(folder):
 INPUTS = {
     "docs/reference/python.md": stack_and_truth,
     "docs/start/own_blend.md": my_blend,
+    "docs/howto/add_pixel_model.md": lambda folder: write(folder / "stack"),
 }  # what a page takes as given
 
 
@@ -93,13 +94,13 @@ def test_what_a_page_says_runs(page, workplace):
     names, printed = {}, dict(PRINTED.findall(text_of(page)))
     assert len(printed) == text_of(page).count('title="printed"'), f"{page}: printed text without a block before it"
     for mark, options, language, title, text in found:
-        if language == "json":
-            (workplace / re.search(r'title="([\w.]+)"', title)[1]).write_text(text)
-        elif language == "python":
+        if file := re.search(r'title="([\w.]+)"', title):
+            (workplace / file[1]).write_text(text)
+        if language == "python":
             with redirect_stdout(io.StringIO()) as output:
                 exec(text, names)
             prints = output.getvalue()
-        else:
+        elif language == "sh":
             prints = run_shell(text, options if mark else "")
         if text in printed:
             assert_printed(printed[text], prints)

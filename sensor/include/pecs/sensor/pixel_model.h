@@ -8,8 +8,10 @@
 //      A model that works frame by frame takes its loop from src/models/frame_by_frame.h.
 //   2. The file in the list MODELS of sensor/CMakeLists.txt, the entry in kModels of src/models/pixel_model.cpp.
 //   3. A row in docs/reference/models.md.
-// The property suite (tests/sensor/model_test.cpp) runs over all of them.
+// The property suite (tests/sensor/model_test.cpp) runs over all of them. A model in Python or C needs none of this:
+// UserModel.
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -63,6 +65,27 @@ struct ModelTraits {
   bool is_random = true;               // the seed changes the events
   bool takes_noise_seed = false;       // ModelChoice::noise_seed changes the noise, and nothing else
   bool pixels_are_independent = true;  // of each other, so that a region may be simulated on its own
+  bool in_tiles = true;                // false: advance() gets all pixels at once, in the caller's thread
+};
+
+// A pixel model from outside the library. PECS calls it once per interval, frame by frame and one call at a time, and
+// checks what it returns.
+struct UserEvent {
+  double t_us, x, y, on, cause;  // on: 1 or 0; cause: a number of Cause, 0 without tells_causes
+};
+class UserModel {
+ public:
+  virtual ~UserModel() = default;
+  // Events of the interval, in any order: at or after its begin, at most kMostDelay_us after its end. They are valid
+  // until the next call. planes: [2][height][width], the light at its begin and end; t_us: both times.
+  virtual std::span<const UserEvent> interval(std::span<const float> planes, std::span<const double, 2> t_us) = 0;
+  static constexpr double kMostDelay_us = 1e4;
+};
+struct UserModelEntry {
+  bool takes_light = true;  // photocurrent [A]; otherwise grey values from 0 to 255 (white)
+  bool tells_causes = false;
+  // setup: {"width", "height", "seed", "chip": as chip_to_json, "parameters": {"key": number}}
+  std::function<std::unique_ptr<UserModel>(const Json& setup)> begin;
 };
 
 struct ModelChoice {
@@ -73,13 +96,14 @@ struct ModelChoice {
   bool random_phase = false;
   // Seed of the temporal noise, for another recording by the same pixels; by default the common seed.
   std::optional<std::uint64_t> noise_seed = {};
+  std::shared_ptr<const UserModelEntry> user = {};  // then `name` is for messages and records, `parameters` are its own
 };
 
 std::vector<std::string> model_names();
 // These throw usage for an unknown model.
 std::span<const ModelParameter> model_parameters(const std::string& model);
 const char* model_source(const std::string& model);  // the paper
-const ModelTraits& model_traits(const std::string& model);
+ModelTraits model_traits(const ModelChoice& model);
 
 // unit_fa: photocurrent [fA] of a plane's value 1. `causes`: events are labelled with their causes. Throws usage for an
 // unknown model or parameter, a value out of range, and for causes of a model without tells_causes.

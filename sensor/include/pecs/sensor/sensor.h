@@ -31,18 +31,18 @@ class FrameClock {
   std::vector<double> recent_t_us_;  // of the last two frames
 };
 
-// Runs a pixel model tile by tile, in parallel in the caller's TBB arena.
+// Runs a pixel model in the caller's TBB arena: tile by tile, in parallel, unless the model takes no tiles.
 class PixelArray {
  public:
   PixelArray(const ModelChoice& choice, const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa,
              bool causes);
   // For the pixels of a region: each region gets all batches, from the first.
   void advance(const FrameBatch& batch, PixelRange region, EventSorter& sorter);
-  bool pixels_are_independent() const { return independent_; }
+  bool pixels_are_independent() const { return traits_.pixels_are_independent; }
 
  private:
   std::unique_ptr<PixelModel> model_;
-  bool independent_;
+  ModelTraits traits_;
 };
 
 struct SensorExtras {
