@@ -30,10 +30,9 @@ struct SenseArguments : sensor::SenseOptions {
   bool json = false;
   std::vector<std::string> parameters, bias_texts;
   std::string readout = "chip", bands = "all";
-  std::optional<std::string> colour_space;
+  input::PictureOptions pictures;
   bool view = false;
   input::Screen screen;
-  std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
   const CLI::Option* shown = nullptr;                              // valid only with --view
   const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
@@ -45,10 +44,10 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       ->check(positive());
   sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line");
   add_time_unit(*sub, o->times.unit, "unit of --times (default: us)");
-  sub->add_option("--colorspace", o->colour_space,
+  sub->add_option("--colorspace", o->pictures.colour_space,
                   "colour space of pictures and video: srgb (default for integers), linear (for floats), or one of the "
                   "OCIO config");
-  sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
+  sub->add_option("--ocio", o->pictures.ocio_config, "OpenColorIO config (default: $OCIO)");
   sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
       ->transform(quantity("A"))
       ->check(positive());
@@ -56,6 +55,8 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
+  sub->add_flag("!--no-flow", o->pictures.flow,
+                "do not estimate the motion between pictures or frames of a video by optical flow");
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
   sub->add_option("--render-noise", o->render_noise,
                   "factor on the renderer's noise in the estimate of its events; 0: no estimate")
@@ -99,7 +100,7 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
           ->capture_default_str();
   add_output(*sub, "--labels", o->labels,
              "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
-             "the renderer");
+             "the renderer, 5 unsure (no reliable motion between pictures)");
 }
 
 void add_window(CLI::App* sub, SenseArguments* o) {
@@ -149,7 +150,8 @@ sensor::SenseReport run(SenseArguments& o) {
     o.screen.video = o.output.string() + ".mp4";  // a further output
     check_outputs({o.stack}, {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
   }
-  o.source = input::open_frames(o.stack, {o.times, o.colour_space, o.ocio_config});
+  o.pictures.times = o.times;
+  o.source = input::open_frames(o.stack, o.pictures);
   return o.view ? input::sense_on_screen(o.screen, o) : sensor::sense(o);
 }
 
@@ -166,6 +168,7 @@ void print(const SenseArguments& o, const sensor::SenseReport& report, const Con
       line += fmt::format(fmt::runtime(text), 100 * (*noise)["share"].get<double>());
   };
   add_share("render_noise", ", {:.1f} % of them from the noise of the renderer");
+  add_share("unsure", ", {:.1f} % of them unsure");
   add_share("camera_noise", " (camera's own noise: {:.1f} %)");
   fmt::print("{}\n", line);
   if (const auto dropped = r["dropped"].get<std::int64_t>())

@@ -12,6 +12,7 @@
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/input/media.h"
+#include "pecs/input/motion_estimate.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::input {
@@ -197,12 +198,14 @@ std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const Pic
   if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
+    if (!options.flow) refuse("--no-flow", "pictures or a video");
     if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
     if (has_json && options.times.unit) refuse("--time-unit", "--times, and frames without times of their own");
     if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
   }
-  return open_pictures(path, options);
+  auto pictures = open_pictures(path, options);
+  return options.flow ? with_estimated_motion(std::move(pictures)) : std::move(pictures);
 }
 
 }  // namespace pecs::input
