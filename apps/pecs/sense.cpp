@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+
 #include "commands.h"
 #include "console.h"
 #include "help.h"
@@ -38,15 +40,36 @@ struct SenseArguments : sensor::SenseOptions {
   const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
 };
 
+void add_part(CLI::App* sub, input::PictureOptions& pictures) {
+  const auto crop = [&pictures](const std::string& text) {
+    const auto w = numbers_of<int>(text, ',', 4);
+    if (!w || std::ranges::min(*w) < 0 || std::ranges::max(*w) > sensor::kMaxSide)
+      throw CLI::ValidationError("--crop", fmt::format("got '{}', wanted X,Y,WIDTH,HEIGHT in pixels", text));
+    pictures.crop = {(*w)[0], (*w)[1], (*w)[2], (*w)[3]};
+  };
+  sub->add_option_function<std::string>("--crop", crop, "part of pictures or video that is used, in their pixels")
+      ->type_name("X,Y,WIDTH,HEIGHT");
+  const auto size = [&pictures](const std::string& text) {
+    const auto s = numbers_of<int>(text, 'x', 2);
+    if (!s || std::ranges::min(*s) < 1 || std::ranges::max(*s) > sensor::kMaxSide)
+      throw CLI::ValidationError(
+          "--size", fmt::format("got '{}', wanted WIDTHxHEIGHT in pixels, each 1 to {}", text, sensor::kMaxSide));
+    pictures.size = {(*s)[0], (*s)[1]};
+  };
+  sub->add_option_function<std::string>("--size", size, "resample pictures or video to this size, in linear light")
+      ->type_name("WIDTHxHEIGHT");
+}
+
 void add_frames(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
       ->transform(quantity("Hz"))
       ->check(positive());
   sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line");
   add_time_unit(*sub, o->times.unit, "unit of --times (default: us)");
-  sub->add_option("--colorspace", o->pictures.colour_space,
-                  "colour space of pictures and video: srgb (default for integers), linear (for floats), or one of the "
-                  "OCIO config");
+  sub->add_option(
+      "--colorspace", o->pictures.colour_space,
+      "colour space of pictures and video: srgb (default for integers), linear (for floats), gamma:G (light is "
+      "value^G), or one of the OCIO config");
   sub->add_option("--ocio", o->pictures.ocio_config, "OpenColorIO config (default: $OCIO)");
   sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
       ->transform(quantity("A"))
@@ -55,6 +78,7 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
+  add_part(sub, o->pictures);
   sub->add_flag("!--no-flow", o->pictures.flow,
                 "do not estimate the motion between pictures or frames of a video by optical flow");
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
@@ -202,6 +226,7 @@ void add_sense(CLI::App& app, Console& console) {
                 "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
                 "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
                 "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
                 "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);

@@ -22,6 +22,8 @@ constexpr int kNear_px = 4;
 constexpr float kError_px = 0.3f, kErrorOfMotion = 0.25f, kLight = 0.2f;
 constexpr double kCut = 0.6;       // share of unreliable points at which nothing is consistent
 constexpr float kDarkest = 0.01f;  // of white: darker light counts as this
+constexpr float kFast_px = 3;      // blur of shorter motion is not seen
+constexpr double kBlurred = 0.6;   // of gradients along the motion to those across it
 constexpr double kMuchUnsure = 0.1, kLargeMotion_px = 30;
 constexpr std::size_t kFrames = 3, kIntervals = 4;  // that are kept: those of the simulation, and the next
 constexpr std::size_t kMostCuts = 100;              // listed
@@ -40,9 +42,10 @@ struct Estimate {
 };
 
 struct Measures {
-  float median_px = 0, largest_px = 0;  // of points with reliable motion
+  float median_px = 0, largest_px = 0;  // of points whose flow returns
   double unreliable = 0;                // share of the points
   bool is_cut = false;
+  double along = 0, across = 0;  // gradients of points that move fast, along the motion and across it
 };
 
 cv::Mat length_of(const cv::Mat& flow) {
@@ -63,13 +66,29 @@ cv::Mat at_end(const cv::Mat& values, const cv::Mat& flow, double beyond) {
   return out;
 }
 
-// 255 where the motion of points of the first frame is not reliable.
-cv::Mat unreliable(const cv::Mat& there, const cv::Mat& back, const cv::Mat& ln_first, const cv::Mat& ln_second) {
-  constexpr double kBeyond = 1e3;
-  const cv::Mat error = length_of(there + at_end(back, there, kBeyond)), length = length_of(there);
+constexpr double kBeyond = 1e3;
+
+// 255 where the flow of points of the first frame, there and back, does not return to them.
+cv::Mat astray(const cv::Mat& there, const cv::Mat& back) {
+  const cv::Mat error = length_of(there + at_end(back, there, kBeyond));
+  return (error > kError_px) & (error > kErrorOfMotion * length_of(there));
+}
+
+// 255 where the light at both ends differs.
+cv::Mat differs(const cv::Mat& there, const cv::Mat& ln_first, const cv::Mat& ln_second) {
   cv::Mat light = cv::abs(at_end(ln_second, there, kBeyond) - ln_first);
   cv::blur(light, light, {3, 3});
-  return (error > kError_px) & (error > kErrorOfMotion * length) & (light > kLight);
+  return light > kLight;
+}
+
+// Shortens the flow of points.
+void limit(cv::Mat& flow, const cv::Mat& points, float most_px) {
+  for (int y = 0; y < flow.rows; ++y)
+    for (int x = 0; x < flow.cols; ++x) {
+      cv::Point2f& d = flow.at<cv::Point2f>(y, x);
+      const float length = std::hypot(d.x, d.y);
+      if (points.at<std::uint8_t>(y, x) && length > most_px) d *= most_px / length;
+    }
 }
 
 // Marks the pixels on the paths of the points.
@@ -85,6 +104,21 @@ void mark_paths(const cv::Mat& points, const cv::Mat& flow, std::vector<std::uin
         if (px >= 0 && py >= 0 && px < flow.cols && py < flow.rows)
           out[static_cast<std::size_t>(py) * static_cast<std::size_t>(flow.cols) + static_cast<std::size_t>(px)] = 1;
       }
+    }
+}
+
+// Motion during the exposure of a frame blurs along the motion alone.
+void add_gradients(const cv::Mat& grey, const cv::Mat& flow, Measures& measures) {
+  cv::Mat gx, gy;
+  cv::Sobel(grey, gx, CV_32F, 1, 0);
+  cv::Sobel(grey, gy, CV_32F, 0, 1);
+  for (int y = 0; y < flow.rows; ++y)
+    for (int x = 0; x < flow.cols; ++x) {
+      const cv::Point2f d = flow.at<cv::Point2f>(y, x), g(gx.at<float>(y, x), gy.at<float>(y, x));
+      const float length = std::hypot(d.x, d.y);
+      if (length < kFast_px) continue;
+      measures.along += std::abs(g.dot(d)) / length;
+      measures.across += std::abs(g.cross(d)) / length;
     }
 }
 
@@ -129,7 +163,7 @@ class EstimatedMotion final : public sensor::FrameSource {
     const std::scoped_lock lock(mutex_);
     return estimate(frame).unsure;
   }
-  sensor::MotionReport report() const override;
+  sensor::SourceReport report() const override;
 
  private:
   // Reads a frame, also into the sink.
@@ -177,39 +211,41 @@ const Estimate& EstimatedMotion::estimate(std::int64_t frame) const {
     if (known.frame == frame) return known;
   Estimate out{frame, {}};
   const Picture pictures[2] = {picture(frame), picture(frame + 1)};
-  cv::Mat bad[2];
   for (int k = 0; k < 2; ++k) out.flow[k] = media().optical_flow(pictures[k].grey, pictures[1 - k].grey);
-  for (int k = 0; k < 2; ++k) bad[k] = unreliable(out.flow[k], out.flow[1 - k], pictures[k].ln, pictures[1 - k].ln);
+  const cv::Mat wrong[2] = {astray(out.flow[0], out.flow[1]), astray(out.flow[1], out.flow[0])};
+  std::vector<float> lengths;
+  const cv::Mat length = length_of(out.flow[0]);
+  for (int y = 0; y < length.rows; ++y)
+    for (int x = 0; x < length.cols; ++x)
+      if (!wrong[0].at<std::uint8_t>(y, x)) lengths.push_back(length.at<float>(y, x));
 
   Measures& measures = measures_[frame];
+  measures.median_px = quantile(lengths, 0.5);
+  measures.largest_px = quantile(lengths, 0.999);  // single points are errors
+  cv::Mat bad[2];
+  for (int k = 0; k < 2; ++k) bad[k] = wrong[k] & differs(out.flow[k], pictures[k].ln, pictures[1 - k].ln);
   measures.unreliable = cv::countNonZero(bad[0]) / static_cast<double>(bad[0].total());
   measures.is_cut = measures.unreliable > kCut;
   out.unsure.assign(bad[0].total(), measures.is_cut ? 1 : 0);
-  std::vector<float> lengths;
   for (int k = 0; k < 2; ++k) {
-    const cv::Mat length = length_of(out.flow[k]);
+    limit(out.flow[k], wrong[k], measures.is_cut ? 0 : measures.largest_px);
     cv::Mat nearby;
-    cv::dilate(length, nearby, cv::Mat::ones(2 * kNear_px + 1, 2 * kNear_px + 1, CV_8U));
-    const cv::Mat still = measures.is_cut ? cv::Mat(length >= 0) : cv::Mat(nearby < kStill_px);
-    if (k == 0)
-      for (int i = 0; i < static_cast<int>(length.total()); ++i)
-        if (!bad[0].at<std::uint8_t>(i / length.cols, i % length.cols))
-          lengths.push_back(length.at<float>(i / length.cols, i % length.cols));
+    cv::dilate(length_of(out.flow[k]), nearby, cv::Mat::ones(2 * kNear_px + 1, 2 * kNear_px + 1, CV_8U));
+    const cv::Mat still = measures.is_cut ? cv::Mat(nearby >= 0) : cv::Mat(nearby < kStill_px);
     out.flow[k].setTo(cv::Scalar::all(0), still);
     bad[k].setTo(0, still);
     mark_paths(bad[k], out.flow[k], out.unsure);
   }
-  measures.median_px = quantile(lengths, 0.5);
-  measures.largest_px = quantile(lengths, 1);
+  add_gradients(pictures[0].grey, out.flow[0], measures);
   if (estimates_.size() == kIntervals) estimates_.pop_front();
   return estimates_.emplace_back(std::move(out));
 }
 
-sensor::MotionReport EstimatedMotion::report() const {
+sensor::SourceReport EstimatedMotion::report() const {
   const std::scoped_lock lock(mutex_);
   std::vector<float> medians;
   std::vector<std::int64_t> cuts;
-  double unreliable = 0;
+  double unreliable = 0, along = 0, across = 0;
   std::pair<float, std::int64_t> largest{0, 0};
   for (const auto& [frame, m] : measures_) {
     if (m.is_cut) {
@@ -218,12 +254,15 @@ sensor::MotionReport EstimatedMotion::report() const {
     }
     medians.push_back(m.median_px);
     unreliable += m.unreliable;
+    along += m.along;
+    across += m.across;
     if (m.largest_px > largest.first) largest = {m.largest_px, frame};
   }
   if (!medians.empty()) unreliable /= static_cast<double>(medians.size());
   const float median = quantile(medians, 0.5);
-  sensor::MotionReport out;
-  out.results = {
+  sensor::SourceReport out = source_->report();
+  if (measures_.empty()) return out;
+  out.results["motion_estimate"] = {
       {"median_px", median},
       {"largest_px", largest.first},
       {"frame_of_largest", largest.second},
@@ -238,6 +277,11 @@ sensor::MotionReport EstimatedMotion::report() const {
         "pictures move by {:.1f} px from frame to frame (median), by {:.0f} at most (after frame {}), and {:.1f} % of "
         "the picture has no reliable motion; a higher frame rate has less",
         median, largest.first, largest.second, 100 * unreliable);
+  if (along < kBlurred * across)
+    warn(
+        "light varies {:.2f} times as much along the motion as across it: the exposures blur moving edges, and their "
+        "events last longer than those of a camera; a shorter exposure has less",
+        along / across);
   if (!cuts.empty())
     warn("{} cuts, the first after frame {}: light is interpolated in place there; simulate the shots one by one",
          cuts.size(), cuts.front());

@@ -193,10 +193,10 @@ SenseReport SenseRun::run() {
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
   if (noise_) noise_->report(results_);
+  const SourceReport frames = source_->report();
+  if (frames.results.is_object()) results_.update(frames.results);
+  for (const std::string& warning : frames.warnings) results_["warnings"].push_back(warning);
   if (moves_ && source_->estimates_motion()) {
-    MotionReport motion = source_->report();
-    results_["motion_estimate"] = std::move(motion.results);
-    for (std::string& warning : motion.warnings) results_["warnings"].push_back(std::move(warning));
     const auto unsure = sink_.unsure(), events = results_["events"].get<std::int64_t>();
     results_["unsure"] = {{"events", unsure},
                           {"share", events ? Json(static_cast<double>(unsure) / static_cast<double>(events)) : Json()}};

@@ -134,3 +134,62 @@ def test_the_other_models(tmp_path, pecs_program):
     folder = write(tmp_path / "f", [panned(i / FPS) for i in range(4)])
     _, record = simulated(pecs_program, folder, "--model", "v2e")
     assert 0 <= record["results"]["unsure"]["share"] < 0.5 and record["results"]["dense_steps"] > 12
+
+
+def test_size_and_crop_resample_light(tmp_path, pecs_program):
+    """Four pixels of a file become one of their mean light; the part that --crop leaves out does not count."""
+    light = [np.kron(panned(i / FPS), [[1.5, 0.5], [0.5, 1.5]]).clip(0, 1) for i in range(3)]
+    part = [np.pad(frame, ((4, 2), (6, 8)), constant_values=0.5) for frame in light]
+    small = [encoded(frame) / 255 for frame in light]
+    linear = [np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4) for v in small]
+    mean = [v.reshape(H, 2, W, 2).mean((1, 3)).astype(np.float32) for v in linear]
+    (tmp_path / "mean").mkdir()
+    for i, frame in enumerate(mean):
+        cv2.imwrite(str(tmp_path / "mean" / f"{i}.tif"), frame)
+    wanted, _ = simulated(pecs_program, tmp_path / "mean", "--no-flow")
+    words = ("--crop", f"6,4,{2 * W},{2 * H}", "--size", f"{W}x{H}", "--no-flow")
+    found, record = simulated(pecs_program, write(tmp_path / "f", part), *words)
+    assert (record["results"]["width"], record["results"]["height"]) == (W, H)
+    assert abs(len(found) / len(wanted) - 1) < 0.01 and matched(found, wanted, 50) > 0.99
+    for wrong, message in {
+        ("--size", "80x40"): "the middle has it with --crop 0,7,174,87",
+        ("--crop", "100,0,80,40"): "within 174x102",
+        ("--size", "0x40"): "wanted WIDTHxHEIGHT",
+        ("--crop", "1,2,3"): "wanted X,Y,WIDTH,HEIGHT",
+    }.items():
+        done = pecs_program("sense", tmp_path / "f", "-o", tmp_path / "no.csv", "--fps", FPS, *CHIP, *wrong)
+        assert done.returncode in (2, 4) and message in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def warnings_of(pecs_program, folder, *args):
+    return " ".join(simulated(pecs_program, folder, *args)[1]["results"]["warnings"])
+
+
+def test_what_a_video_lacks_is_a_warning(tmp_path, pecs_program):
+    frames = [panned(i / FPS) for i in range(3)]
+    assert warnings_of(pecs_program, write(tmp_path / "good", frames)) == ""
+    dark = [0.004 * frame for frame in frames]
+    assert "8-bit values up to 5" in warnings_of(pecs_program, write(tmp_path / "dark", dark), "--no-flow")
+    (tmp_path / "jpeg").mkdir()
+    for i, frame in enumerate(frames):
+        cv2.imwrite(str(tmp_path / "jpeg" / f"{i}.jpg"), encoded(frame), [cv2.IMWRITE_JPEG_QUALITY, 12])
+    assert "blocks of 8 pixels" in warnings_of(pecs_program, tmp_path / "jpeg")
+    exposure = np.linspace(0, 5 / FPS, 24)  # as long as five frames
+    blurred = [np.mean([panned(i / FPS + t) for t in exposure], axis=0) for i in range(3)]
+    assert "times as much along the motion" in warnings_of(pecs_program, write(tmp_path / "blurred", blurred))
+
+
+def test_gamma_is_stated(tmp_path, pecs_program):
+    """Values v of gamma 2 are the light v^2."""
+    frames = [panned(i / FPS) for i in range(3)]
+    (tmp_path / "light").mkdir()
+    (tmp_path / "square").mkdir()
+    for i, frame in enumerate(frames):
+        root = np.round(65535 * np.sqrt(frame)).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / "square" / f"{i}.png"), root)
+        cv2.imwrite(str(tmp_path / "light" / f"{i}.tif"), ((root / 65535.0) ** 2).astype(np.float32))
+    found, _ = simulated(pecs_program, tmp_path / "square", "--colorspace", "gamma:2")
+    wanted, _ = simulated(pecs_program, tmp_path / "light")
+    assert abs(len(found) - len(wanted)) < 5 and matched(found, wanted, 5) > 0.99
+    done = pecs_program("sense", tmp_path / "square", "-o", tmp_path / "n.csv", "--fps", 60, "--colorspace", "gamma:x")
+    assert done.returncode == 2 and "wanted gamma:G" in done.stderr

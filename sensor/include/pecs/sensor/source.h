@@ -62,8 +62,8 @@ struct Region {
 // Rows of one frame: values[(band * rows + row) * width + x].
 using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
 
-// Of a source whose motion is estimated.
-struct MotionReport {
+// Measurements of the frames read so far, for the run record, and what a user should know of them.
+struct SourceReport {
   Json results;
   std::vector<std::string> warnings;
 };
@@ -85,10 +85,10 @@ class FrameSource {
   virtual bool has_motion() const { return false; }
   virtual void read_motion(std::int64_t, const RowSink&) const {}
   // Whether this motion is an estimate. Then unsure() is 1 where light within the interval that begins at a frame is a
-  // guess, else 0, [height * width], and report() has measurements of the frames read so far. Thread-safe.
+  // guess, else 0, [height * width]. Thread-safe.
   virtual bool estimates_motion() const { return false; }
   virtual std::vector<std::uint8_t> unsure(std::int64_t) const { return {}; }
-  virtual MotionReport report() const { return {}; }
+  virtual SourceReport report() const { return {}; }
   // Pictures within the interval that begins at a frame: their times, on the clock of info().times_ns, increasing; and
   // all rows of one of them with its subpixels, NaN where it was not rendered.
   virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }

@@ -5,13 +5,16 @@
 #include <memory>
 
 #include "pecs/sensor/source.h"
+#include "pecs/sensor/stages.h"
 
 namespace pecs::input {
 
 struct PictureOptions {
   sensor::FrameTimes times;                          // video: the file's rate, or its frames' times, by default
-  std::optional<std::string> colour_space;           // "srgb", "linear", or a colour space of the OpenColorIO config
+  std::optional<std::string> colour_space;           // "srgb", "linear", "gamma:G", or one of the OpenColorIO config
   std::optional<std::filesystem::path> ocio_config;  // otherwise $OCIO
+  std::optional<sensor::RoiWindow> crop;             // of the pictures; resampled to `size`, in linear light
+  std::optional<std::pair<int, int>> size;           // width and height
   bool flow = true;                                  // with motion from one to the next (motion_estimate.h)
 };
 
