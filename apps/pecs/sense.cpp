@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+
 #include "commands.h"
 #include "console.h"
 #include "help.h"
@@ -30,14 +32,33 @@ struct SenseArguments : sensor::SenseOptions {
   bool json = false;
   std::vector<std::string> parameters, bias_texts;
   std::string readout = "chip", bands = "all";
-  std::optional<std::string> colour_space;
+  input::PictureOptions pictures;
   bool view = false;
   input::Screen screen;
-  std::optional<std::filesystem::path> ocio_config;
   double white_a = 0;
   const CLI::Option* shown = nullptr;                              // valid only with --view
   const CLI::Option *own_model = nullptr, *own_readout = nullptr;  // instead of the preset's
 };
+
+void add_part(CLI::App* sub, input::PictureOptions& pictures) {
+  const auto crop = [&pictures](const std::string& text) {
+    const auto w = numbers_of<int>(text, ',', 4);
+    if (!w || std::ranges::min(*w) < 0 || std::ranges::max(*w) > sensor::kMaxSide)
+      throw CLI::ValidationError("--crop", fmt::format("got '{}', wanted X,Y,WIDTH,HEIGHT in pixels", text));
+    pictures.crop = {(*w)[0], (*w)[1], (*w)[2], (*w)[3]};
+  };
+  sub->add_option_function<std::string>("--crop", crop, "part of pictures or video that is used, in their pixels")
+      ->type_name("X,Y,WIDTH,HEIGHT");
+  const auto size = [&pictures](const std::string& text) {
+    const auto s = numbers_of<int>(text, 'x', 2);
+    if (!s || std::ranges::min(*s) < 1 || std::ranges::max(*s) > sensor::kMaxSide)
+      throw CLI::ValidationError(
+          "--size", fmt::format("got '{}', wanted WIDTHxHEIGHT in pixels, each 1 to {}", text, sensor::kMaxSide));
+    pictures.size = {(*s)[0], (*s)[1]};
+  };
+  sub->add_option_function<std::string>("--size", size, "resample pictures or video to this size, in linear light")
+      ->type_name("WIDTHxHEIGHT");
+}
 
 void add_frames(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
@@ -45,10 +66,11 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       ->check(positive());
   sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line");
   add_time_unit(*sub, o->times.unit, "unit of --times (default: us)");
-  sub->add_option("--colorspace", o->colour_space,
-                  "colour space of pictures and video: srgb (default for integers), linear (for floats), or one of the "
-                  "OCIO config");
-  sub->add_option("--ocio", o->ocio_config, "OpenColorIO config (default: $OCIO)");
+  sub->add_option(
+      "--colorspace", o->pictures.colour_space,
+      "colour space of pictures and video: srgb (default for integers), linear (for floats), gamma:G (light is "
+      "value^G), or one of the OCIO config");
+  sub->add_option("--ocio", o->pictures.ocio_config, "OpenColorIO config (default: $OCIO)");
   sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
       ->transform(quantity("A"))
       ->check(positive());
@@ -56,6 +78,9 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       ->check(CLI::Validator(
           [](std::string& text) { return sensor::monte_carlo_bands(text) ? "" : "wanted all or mc:N"; }, "all|mc:N"))
       ->capture_default_str();
+  add_part(sub, o->pictures);
+  sub->add_flag("!--no-flow", o->pictures.flow,
+                "do not estimate the motion between pictures or frames of a video by optical flow");
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
   sub->add_option("--render-noise", o->render_noise,
                   "factor on the renderer's noise in the estimate of its events; 0: no estimate")
@@ -101,7 +126,7 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
           ->capture_default_str();
   add_output(*sub, "--labels", o->labels,
              "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
-             "the renderer");
+             "the renderer, 5 unsure (no reliable motion between pictures)");
 }
 
 void add_window(CLI::App* sub, SenseArguments* o) {
@@ -157,7 +182,8 @@ sensor::SenseReport run(SenseArguments& o, const Console& console) {
   if (o.view) o.screen.video = o.output.string() + ".mp4";  // a further output
   check_outputs(inputs(o), {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
   if (python_file(o.model.name)) o.model.user = python_model(o.model.name, console.verbose());
-  o.source = input::open_frames(o.stack, {o.times, o.colour_space, o.ocio_config});
+  o.pictures.times = o.times;
+  o.source = input::open_frames(o.stack, o.pictures);
   return o.view ? input::sense_on_screen(o.screen, o) : sensor::sense(o);
 }
 
@@ -174,6 +200,7 @@ void print(const SenseArguments& o, const sensor::SenseReport& report, const Con
       line += fmt::format(fmt::runtime(text), 100 * (*noise)["share"].get<double>());
   };
   add_share("render_noise", ", {:.1f} % of them from the noise of the renderer");
+  add_share("unsure", ", {:.1f} % of them unsure");
   add_share("camera_noise", " (camera's own noise: {:.1f} %)");
   fmt::print("{}\n", line);
   if (const auto dropped = r["dropped"].get<std::int64_t>())
@@ -207,6 +234,7 @@ void add_sense(CLI::App& app, Console& console) {
                 "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
                 "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
                 "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
                 "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);

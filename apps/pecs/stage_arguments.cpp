@@ -3,25 +3,10 @@
 #include <fmt/format.h>
 
 #include "commands.h"
-#include "pecs/text.h"
 #include "units.h"
 
 namespace pecs::app {
 namespace {
-
-// All of "A:B:C", or nothing.
-template <class Number>
-std::optional<std::vector<Number>> numbers_of(std::string_view text, char between, std::size_t count) {
-  std::vector<Number> out;
-  for (std::size_t begin = 0; begin <= text.size();) {
-    const std::size_t end = std::min(text.find(between, begin), text.size());
-    const auto number = number_from<Number>(text.substr(begin, end - begin));
-    if (!number) return {};
-    out.push_back(*number);
-    begin = end + 1;
-  }
-  return out.size() == count ? std::optional(out) : std::nullopt;
-}
 
 CLI::Option* add_trail(CLI::App& command, sensor::StageOptions& stages, const char* name, sensor::TrailFilter kind,
                        const char* help) {

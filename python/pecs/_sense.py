@@ -29,7 +29,7 @@ def sense(
     progress: Callable[[float], object] | None = None,
     **options: Unpack[SenseOptions],
 ) -> dict[str, Any]:
-    """Simulate an event file from a stack, images or video, as `pecs sense` does.
+    """Simulate an event file from a stack, as `pecs sense` does. Pictures and video require the program `pecs sense`.
 
         report = pecs.sense("out/stack", "out/events.raw", chip="imx636", seed=1)
         report["results"]["events"], report["config"]["chip"]["values"]
@@ -40,7 +40,7 @@ def sense(
     Parameters
     ----------
     stack : str or path
-        EXR stack, folder of EXR files or images, or video.
+        EXR stack, or folder of EXR files.
     output : str or path
         Event file; its extension selects the format.
     chip : str, path or Chip

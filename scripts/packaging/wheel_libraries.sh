@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds what the wheel's program links in place of Debian's own, into build/wheel-libraries (minutes; done once):
-#   OpenCV  six modules, static; Debian's brings windows, GDAL, GStreamer: 280 libraries, 315 MB
+#   OpenCV  seven modules, static; Debian's brings windows, GDAL, GStreamer: 280 libraries, 315 MB
 #   FFmpeg  only codecs and containers of files, LGPL; Debian's brings x264 and x265, which are GPL
 #   libtiff no JBIG, which is GPL
 #   HDF5    static, files only; Debian's brings curl, LDAP and Kerberos
@@ -50,7 +50,7 @@ cmake --build "$BUILD/tiff" -j "$JOBS" --target install
 say "OpenCV"
 # shellcheck disable=SC2046
 cmake -S "$FOLDER"/opencv-*/ -B "$BUILD/opencv" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$FOLDER" -DCMAKE_INSTALL_LIBDIR=lib \
-  -DCMAKE_PREFIX_PATH="$FOLDER" -DBUILD_LIST=core,imgproc,imgcodecs,videoio,highgui,calib3d,features2d,flann -DBUILD_SHARED_LIBS=OFF -DENABLE_PIC=ON \
+  -DCMAKE_PREFIX_PATH="$FOLDER" -DBUILD_LIST=core,imgproc,imgcodecs,video,videoio,highgui,calib3d,features2d,flann -DBUILD_SHARED_LIBS=OFF -DENABLE_PIC=ON \
   -DCMAKE_POSITION_INDEPENDENT_CODE=ON -DCPU_BASELINE=SSE2,SSE3,SSSE3 -DCPU_DISPATCH=AVX2 -DENABLE_PRECOMPILED_HEADERS=OFF \
   -DWITH_FFMPEG=ON -DWITH_TBB=ON -DWITH_EIGEN=ON -DOPENCV_GENERATE_SETUPVARS=OFF -DBUILD_INFO_SKIP_TIMESTAMP=ON \
   $(without BUILD_TESTS BUILD_PERF_TESTS BUILD_EXAMPLES BUILD_opencv_apps BUILD_JAVA BUILD_opencv_python3 BUILD_ZLIB BUILD_PNG \

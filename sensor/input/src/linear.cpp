@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace pecs::input {
 namespace {
@@ -19,7 +20,13 @@ float from_srgb(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((std::ma
 }  // namespace
 
 Linear::Linear(const PictureOptions& options) : space_(options.colour_space) {
-  if (!space_ || *space_ == "srgb" || *space_ == "linear") {
+  constexpr std::string_view kGamma = "gamma:";
+  if (space_ && space_->starts_with(kGamma)) {
+    gamma_ = number_from<float>(std::string_view(*space_).substr(kGamma.size())).value_or(0);
+    if (!(gamma_ >= 0.1f && gamma_ <= 10))
+      throw Error(ExitCode::usage, fmt::format("--colorspace: got {}, wanted gamma:G with G from 0.1 to 10", *space_));
+  }
+  if (!space_ || *space_ == "srgb" || *space_ == "linear" || gamma_ > 0) {
     if (options.ocio_config && !space_)
       throw Error(ExitCode::usage, "--colorspace: got nothing, wanted a colour space of the config");
     if (!options.ocio_config) return;
@@ -50,11 +57,11 @@ std::vector<float> Linear::operator()(cv::Mat picture) const {
     OCIO::PackedImageDesc image(values.data, values.cols, values.rows, 3);
     processor_->apply(image);
     cv::cvtColor(values, values, cv::COLOR_RGB2BGR);
-  } else if (space_ ? *space_ == "srgb" : integer) {
+  } else if (gamma_ > 0 || (space_ ? *space_ == "srgb" : integer)) {
     const int n = values.cols * values.channels();
     for (int y = 0; y < values.rows; ++y) {
       auto* row = values.ptr<float>(y);
-      for (int i = 0; i < n; ++i) row[i] = from_srgb(row[i]);
+      for (int i = 0; i < n; ++i) row[i] = gamma_ > 0 ? std::pow(std::max(row[i], 0.0f), gamma_) : from_srgb(row[i]);
     }
   }
   std::vector<cv::Mat> channels;

@@ -16,6 +16,7 @@ class Linear {
 
  private:
   std::optional<std::string> space_;
+  float gamma_ = 0;  // of "gamma:G"
   OCIO_NAMESPACE::ConstCPUProcessorRcPtr processor_;
 };
 

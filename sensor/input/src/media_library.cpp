@@ -3,6 +3,7 @@
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/video/tracking.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "pecs/input/media.h"
@@ -52,6 +53,16 @@ std::function<void(const cv::Mat&)> video_writer(const std::string& path, const 
   return [writer](const cv::Mat& frame) { writer->write(frame); };
 }
 
+// At the pictures' own resolution; the preset stops at half of it.
+cv::Mat optical_flow(const cv::Mat& from, const cv::Mat& to) {
+  const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+  dis->setFinestScale(0);
+  dis->setPatchStride(4);
+  cv::Mat flow;
+  dis->calc(from, to, flow);
+  return flow;
+}
+
 // Without a toolbar.
 void open_window(const char* name) { cv::namedWindow(name, cv::WINDOW_AUTOSIZE | cv::WINDOW_GUI_NORMAL); }
 
@@ -63,6 +74,6 @@ int show(const char* window, const cv::Mat& picture, int wait_ms) {
 }  // namespace
 }  // namespace pecs::input
 
-extern "C" __attribute__((visibility("default")))
-const pecs::input::Media pecs_media{pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video,
-                                    pecs::input::video_writer, pecs::input::open_window, pecs::input::show};
+extern "C" __attribute__((visibility("default"))) const pecs::input::Media pecs_media{
+    pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video, pecs::input::video_writer,
+    pecs::input::optical_flow, pecs::input::open_window, pecs::input::show};

@@ -7,11 +7,13 @@
 #include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "linear.h"
 #include "pecs/error.h"
 #include "pecs/events/format.h"
 #include "pecs/input/media.h"
+#include "pecs/input/motion_estimate.h"
 #include "pecs/sensor/stack.h"
 
 namespace pecs::input {
@@ -33,6 +35,9 @@ void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
 
 namespace fs = std::filesystem;
 
+constexpr int kBlock = 8, kDark = 5;  // sRGB: up to this value, the next one is 20 % brighter
+constexpr double kMuchDark = 0.05, kBlocky = 1.2;
+
 const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
 
 class Pictures : public sensor::FrameSource {
@@ -40,35 +45,97 @@ class Pictures : public sensor::FrameSource {
   const sensor::StackInfo& info() const override { return info_; }
   std::int64_t frames() const override { return static_cast<std::int64_t>(info_.times_ns.size()); }
   std::string name() const override { return path_.string(); }
+  sensor::SourceReport report() const override {
+    sensor::SourceReport out;
+    if (!is_8_bit_) return out;
+    out.results["first_picture"] = {{"dark_share", dark_share_}, {"block_edges", block_edges_}};
+    if (dark_share_ > kMuchDark)
+      out.warnings.push_back(fmt::format(
+          "{}: {:.0f} % of the first picture are so dark (8-bit values up to {}) that a step of the file changes the "
+          "light by 20 % or more, which causes events; pictures of 16 bits have finer steps",
+          name(), 100 * dark_share_, kDark));
+    if (block_edges_ > kBlocky)
+      out.warnings.push_back(fmt::format(
+          "{}: differences at the edges of blocks of 8 pixels are {:.2f} times those within: compression, which causes "
+          "events where blocks change; use a higher quality, or a smaller --size",
+          name(), block_edges_));
+    return out;
+  }
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
     if (end == 0) end = info_.height;
     const cv::Mat picture = frame(index);
-    if (picture.cols != info_.width || picture.rows != info_.height ||
-        linear_.bands_of(picture).size() != info_.bands.size())
+    if (picture.size() != of_file_ || linear_.bands_of(picture).size() != info_.bands.size())
       throw bad_input(path_.string(), fmt::format("frame {}", index),
                       fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()),
-                      fmt::format("{}x{} as the first", info_.width, info_.height));
-    const std::vector<float> values = linear_(picture.rowRange(begin, end));
-    sink(begin, end - begin, values);
+                      fmt::format("{}x{} as the first", of_file_.width, of_file_.height));
+    const cv::Size size(info_.width, info_.height);
+    if (used_.size() == size) return sink(begin, end - begin, linear_(picture(used_).rowRange(begin, end)));
+    std::vector<float> values = linear_(picture(used_)), out;
+    const bool shrinks = size.width < used_.width && size.height < used_.height;
+    for (float* band = values.data(); band < values.data() + values.size(); band += used_.area()) {
+      cv::Mat resampled;
+      cv::resize(cv::Mat(used_.size(), CV_32F, band), resampled, size, 0, 0,
+                 shrinks ? cv::INTER_AREA : cv::INTER_LINEAR);
+      const cv::Mat rows = resampled.rowRange(begin, end);
+      out.insert(out.end(), rows.begin<float>(), rows.end<float>());
+    }
+    sink(begin, end - begin, out);
   }
 
  protected:
-  Pictures(fs::path path, const PictureOptions& options) : path_(std::move(path)), linear_(options) {}
+  Pictures(fs::path path, const PictureOptions& options)
+      : path_(std::move(path)), linear_(options), crop_(options.crop), size_(options.size) {}
   virtual cv::Mat frame(std::int64_t index) const = 0;
 
   void describe(const cv::Mat& first) {
+    if ((is_8_bit_ = first.depth() == CV_8U)) look_at(first);
     info_.quantity = sensor::Quantity::relative;
-    info_.width = first.cols;
-    info_.height = first.rows;
-    if (info_.width > sensor::kMaxSide || info_.height > sensor::kMaxSide)
-      throw bad_input(path_.string(), "size", fmt::format("{}x{}", info_.width, info_.height),
+    of_file_ = first.size();
+    used_ = crop_ ? cv::Rect(crop_->x, crop_->y, crop_->width, crop_->height) : cv::Rect({0, 0}, of_file_);
+    if ((used_ & cv::Rect({0, 0}, of_file_)) != used_ || used_.empty())
+      throw bad_input(path_.string(), "--crop", fmt::format("{},{},{},{}", used_.x, used_.y, used_.width, used_.height),
+                      fmt::format("X,Y,WIDTH,HEIGHT within {}x{}", of_file_.width, of_file_.height));
+    std::tie(info_.width, info_.height) = size_.value_or(std::pair(used_.width, used_.height));
+    check_aspect();
+    if (std::max(of_file_.width, of_file_.height) > sensor::kMaxSide)
+      throw bad_input(path_.string(), "size", fmt::format("{}x{}", of_file_.width, of_file_.height),
                       fmt::format("at most {0}x{0}", sensor::kMaxSide));
     info_.bands = linear_.bands_of(first);
   }
 
+  void look_at(const cv::Mat& first) {
+    cv::Mat grey, rows, columns;
+    cv::transform(first, grey, cv::Mat(1, first.channels(), CV_32F, cv::Scalar(1.0 / first.channels())));
+    dark_share_ = cv::countNonZero(grey <= kDark) / static_cast<double>(grey.total());
+    // Mean differences from column to column, and from row to row, at block edges and elsewhere.
+    grey.convertTo(grey, CV_32F);
+    double at_edges = 0, within = 0;
+    for (const cv::Mat& turned : {grey, cv::Mat(grey.t())})
+      for (int x = 1; x < turned.cols; ++x)
+        (x % kBlock ? within : at_edges) += cv::norm(turned.col(x), turned.col(x - 1), cv::NORM_L1);
+    block_edges_ = within > 0 ? at_edges * (kBlock - 1) / within : 1;
+  }
+  // Pixels stay square, to 1 %.
+  void check_aspect() const {
+    const double wide = info_.width / static_cast<double>(info_.height);
+    if (std::abs(wide * used_.height / used_.width - 1) <= 0.01) return;
+    const int width = std::min(used_.width, static_cast<int>(std::lround(used_.height * wide)));
+    const int height = std::min(used_.height, static_cast<int>(std::lround(used_.width / wide)));
+    throw bad_input(
+        path_.string(), "--size", fmt::format("{}x{}", info_.width, info_.height),
+        fmt::format("the aspect ratio of {}x{}; the middle has it with --crop {},{},{},{}", used_.width, used_.height,
+                    used_.x + (used_.width - width) / 2, used_.y + (used_.height - height) / 2, width, height));
+  }
+
   fs::path path_;
   Linear linear_;
+  std::optional<sensor::RoiWindow> crop_;
+  std::optional<std::pair<int, int>> size_;
+  bool is_8_bit_ = false;
+  double dark_share_ = 0, block_edges_ = 1;  // of the first picture
+  cv::Size of_file_;
+  cv::Rect used_;  // of the file's pictures
   sensor::StackInfo info_;
 };
 
@@ -197,12 +264,16 @@ std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const Pic
   if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
+    if (!options.flow) refuse("--no-flow", "pictures or a video");
+    if (options.crop) refuse("--crop", "pictures or a video");
+    if (options.size) refuse("--size", "pictures or a video");
     if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
     if (has_json && options.times.unit) refuse("--time-unit", "--times, and frames without times of their own");
     if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
   }
-  return open_pictures(path, options);
+  auto pictures = open_pictures(path, options);
+  return options.flow ? with_estimated_motion(std::move(pictures)) : std::move(pictures);
 }
 
 }  // namespace pecs::input

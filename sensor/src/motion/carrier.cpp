@@ -45,23 +45,6 @@ Tile tiles_reached(const Surfaces& from, const Tile& block, const Reach& reach) 
   return {x0, y0, x1, y1};
 }
 
-// The layer's channels from optical flow; unknown values are NaN.
-std::vector<float> from_flow(std::span<const float> flow, std::size_t channels, std::size_t pixels) {
-  std::vector<float> out(kMotionChannels * pixels, kDark);
-  for (std::size_t side = 0; side < channels / 2; ++side)
-    for (std::size_t i = 0; i < pixels; ++i) {
-      const float x = flow[2 * side * pixels + i], y = flow[(2 * side + 1) * pixels + i];
-      const float z = 1 / (1 + std::hypot(x, y));
-      float* to = out.data() + kPathChannels * side * pixels + i;
-      for (std::size_t q = 0; q < kQuarters; ++q) {
-        const float part = static_cast<float>(q + 1) / kQuarters;
-        to[2 * q * pixels] = part * x, to[(2 * q + 1) * pixels] = part * y;
-      }
-      for (std::size_t c = kPathChannels - 2; c < kPathChannels; ++c) to[c * pixels] = z;
-    }
-  return out;
-}
-
 }  // namespace
 
 // Lists each block at the tiles that it reaches: the work is linear in the number of tiles, unless everything moves
@@ -91,6 +74,23 @@ void Carrier::KeyframeInterval::find_near() {
     near[static_cast<std::size_t>(i)].still &= !first.reach(i).unknown && !second.reach(i).unknown;
 }
 
+std::vector<float> motion_of_flow(std::span<const float> flow, std::size_t channels) {
+  const std::size_t pixels = flow.size() / channels;
+  std::vector<float> out(kMotionChannels * pixels, kDark);
+  for (std::size_t side = 0; side < channels / 2; ++side)
+    for (std::size_t i = 0; i < pixels; ++i) {
+      const float x = flow[2 * side * pixels + i], y = flow[(2 * side + 1) * pixels + i];
+      const float z = 1 / (1 + std::hypot(x, y));
+      float* to = out.data() + kPathChannels * side * pixels + i;
+      for (std::size_t q = 0; q < kQuarters; ++q) {
+        const float part = static_cast<float>(q + 1) / kQuarters;
+        to[2 * q * pixels] = part * x, to[(2 * q + 1) * pixels] = part * y;
+      }
+      for (std::size_t c = kPathChannels - 2; c < kPathChannels; ++c) to[c * pixels] = z;
+    }
+  return out;
+}
+
 void check_motion_size(std::size_t values, int width, int height) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   const std::size_t channels = pixels ? values / pixels : 0;
@@ -105,7 +105,7 @@ Carrier::Carrier(std::span<const float> values, int width, int height) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   const std::size_t channels = values.size() / pixels;
   std::vector<float> flow;
-  if (channels != kMotionChannels) values = flow = from_flow(values, channels, pixels);
+  if (channels != kMotionChannels) values = flow = motion_of_flow(values, channels);
   interval_ = std::make_unique<KeyframeInterval>(width, height);
   interval_->put(0, height, values.data());
   interval_->close();

@@ -101,6 +101,7 @@ bool EventSink::send(LabelledEvents& labelled) {
   last_us_ = out.back().t_us;
   events_ += std::ssize(out);
   on_ += std::ranges::count(out, 1, &events::Event::p);
+  unsure_ += std::ranges::count(labelled.causes, Cause::unsure);
   if (causes_) causes_->write(std::as_bytes(std::span(labelled.causes)), labelled.causes.size());
   writer_->write(out);
   return !options_.watch || options_.watch(out);

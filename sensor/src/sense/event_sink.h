@@ -19,7 +19,8 @@ class EventSink {
   bool write(LabelledEvents& fired, bool last);
   // Completes the files.
   void close();
-  Json report() const;  // counts and rates
+  Json report() const;                             // counts and rates
+  std::int64_t unsure() const { return unsure_; }  // events of the output
 
  private:
   void read_out(LabelledEvents& part, bool last);
@@ -37,7 +38,7 @@ class EventSink {
   std::int64_t lost_ = 0;     // by the readout, in the output's window
   std::optional<NpyFile> causes_;
   std::optional<DroppedFile> dropped_file_;
-  std::int64_t events_ = 0, on_ = 0, first_us_ = 0, last_us_ = 0;
+  std::int64_t events_ = 0, on_ = 0, unsure_ = 0, first_us_ = 0, last_us_ = 0;
 };
 
 }  // namespace pecs::sensor

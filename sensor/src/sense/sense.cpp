@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <map>
 #include <numbers>
 
 #include "pecs/error.h"
@@ -93,6 +94,7 @@ class SenseRun {
   void estimate_noise();
   void run_streaming();
   bool simulate(const LightBatch& light);
+  void label_unsure();
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
   PixelRange all_pixels() const { return pixels_of({0, source_->info().height}); }
@@ -113,6 +115,7 @@ class SenseRun {
   Simulation simulation_;
   std::optional<NoiseEstimate> noise_;
   LabelledEvents events_;
+  std::map<std::int64_t, std::vector<std::uint8_t>> unsure_;  // pixels, by step
   EventSink sink_;
   std::vector<float> first_fa_;    // light of the first frame
   std::int64_t light_planes_ = 0;  // given to the pixels
@@ -134,7 +137,7 @@ SenseRun::SenseRun(const SenseOptions& options)
 
 Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
   const int width = source_->info().width;
-  const bool labels = options_.labels.has_value();
+  const bool labels = options_.labels || (source_->estimates_motion() && model_traits(model_.name).tells_causes);
   ModelChoice model = model_;
   model.noise_seed = noise_seed;
   // The readout begins after the warm-up.
@@ -190,6 +193,14 @@ SenseReport SenseRun::run() {
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
   if (noise_) noise_->report(results_);
+  const SourceReport frames = source_->report();
+  if (frames.results.is_object()) results_.update(frames.results);
+  for (const std::string& warning : frames.warnings) results_["warnings"].push_back(warning);
+  if (moves_ && source_->estimates_motion()) {
+    const auto unsure = sink_.unsure(), events = results_["events"].get<std::int64_t>();
+    results_["unsure"] = {{"events", unsure},
+                          {"share", events ? Json(static_cast<double>(unsure) / static_cast<double>(events)) : Json()}};
+  }
   return {config(), results_};
 }
 
@@ -215,7 +226,25 @@ bool SenseRun::simulate(const LightBatch& light) {
   const FrameBatch frames = clock_.batch(light.planes, light.t_us, light.last);
   simulation_.step(frames, all_pixels(), clock_.final_us(), events_);
   if (noise_) noise_->step(frames, light.again, all_pixels(), clock_.final_us(), events_);
+  if (moves_ && source_->estimates_motion()) label_unsure();
   return sink_.write(events_, frames.last);
+}
+
+// Signal events of pixels whose light is a guess; of a model that reports no causes, all their events.
+void SenseRun::label_unsure() {
+  auto& [events, causes] = events_;
+  causes.resize(events.size(), Cause::signal);
+  const int width = source_->info().width;
+  std::int64_t step = unsure_.empty() ? 0 : unsure_.begin()->first;
+  for (std::size_t i = 0; i < events.size(); ++i) {
+    const events::Event& e = events[i];
+    if (causes[i] != Cause::signal) continue;
+    while (step + 2 < timeline_.steps() && timeline_.t_us(step + 1) <= static_cast<double>(e.t_us)) ++step;
+    unsure_.erase(unsure_.begin(), unsure_.lower_bound(step));
+    const auto [at, is_new] = unsure_.try_emplace(step);
+    if (is_new) at->second = source_->unsure(timeline_.frame(step));
+    if (at->second[static_cast<std::size_t>(e.y * width + e.x)]) causes[i] = Cause::unsure;
+  }
 }
 
 // A loop whose frames do not fit into memory: band by band of rows, each through all loops. The events of a band wait

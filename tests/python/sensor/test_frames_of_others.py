@@ -74,19 +74,19 @@ def test_variable_frame_rate(tmp_path, pecs_program):
     for frame in FRAMES:
         video.write(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
     video.release()
-    constant = simulated(pecs_program, path, tmp_path / "c.npz")
+    constant = simulated(pecs_program, path, tmp_path / "c.npz", "--no-flow")
     assert json.loads((tmp_path / "c.npz.run.json").read_text())["config"]["input"] == "video"
     capture = cv2.VideoCapture(str(path))
     frames = np.stack([capture.read()[1][..., ::-1] for _ in range(N)])
     with_durations(path, [64] * (N // 2) + [192] * (N // 2))  # ticks of 1/12800 s: 5 ms, then 15 ms
-    events = simulated(pecs_program, path, tmp_path / "o.npz")
+    events = simulated(pecs_program, path, tmp_path / "o.npz", "--no-flow")
     assert "variable" in json.loads((tmp_path / "o.npz.run.json").read_text())["config"]["input"]
     times = 5e3 * np.concatenate([np.arange(N // 2), N // 2 + 3 * np.arange(N // 2)])
     grey = pecs.simulate(frames[..., 1], times, "ideal", photocurrent_a=1e-12)
     assert abs(len(events) - len(grey)) < 0.02 * len(grey)
     early = [np.count_nonzero(e["t"] < times[N // 2]) / len(e) for e in (events, grey, constant)]
     assert early[0] == pytest.approx(early[1], abs=0.02) and early[2] < early[1] - 0.1
-    assert_same(simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100), constant)
+    assert_same(simulated(pecs_program, path, tmp_path / "o.npz", "--fps", 100, "--no-flow"), constant)
 
 
 def test_a_video_with_b_frames(tmp_path, pecs_program):

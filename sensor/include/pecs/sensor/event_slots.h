@@ -9,8 +9,9 @@
 namespace pecs::sensor {
 
 // Cause of an event: the largest contribution to the change of V from the reference to the threshold.
-// `render`, the renderer's noise, is found after sorting: keys have two bits.
-enum class Cause : std::uint8_t { signal, leak, noise, hot, render };
+// Found after sorting, since keys have two bits: `render`, the renderer's noise, and `unsure`, light whose motion
+// between frames is a guess.
+enum class Cause : std::uint8_t { signal, leak, noise, hot, render, unsure };
 
 // An event as a number, ordered as events are: time in us (35 bits, 9 hours), then pixel (y * width + x, 26 bits), then
 // polarity, then cause (`signal` if causes are not reported).

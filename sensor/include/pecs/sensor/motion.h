@@ -23,6 +23,10 @@ inline constexpr std::size_t kMotionChannels = 20;
 // Throws bad_input unless there are 2, 4 or 20 values a pixel, as Carrier takes them.
 void check_motion_size(std::size_t values, int width, int height);
 
+// The layer's channels, of optical flow in 2 or 4 (see Carrier): points move evenly, those that move more count as
+// nearer.
+std::vector<float> motion_of_flow(std::span<const float> flow, std::size_t channels);
+
 // Both keyframes, or one of them alone.
 enum class CarrySide { both, first, second };
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "pecs/sensor/bands.h"
+#include "pecs/strict_json.h"
 #include "pecs/time_unit.h"
 
 namespace pecs::sensor {
@@ -61,6 +62,12 @@ struct Region {
 // Rows of one frame: values[(band * rows + row) * width + x].
 using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
 
+// Measurements of the frames read so far, for the run record, and what a user should know of them.
+struct SourceReport {
+  Json results;
+  std::vector<std::string> warnings;
+};
+
 class FrameSource {
  public:
   virtual ~FrameSource() = default;
@@ -77,6 +84,11 @@ class FrameSource {
   // frame, in the channels that Carrier takes (motion.h). Thread-safe.
   virtual bool has_motion() const { return false; }
   virtual void read_motion(std::int64_t, const RowSink&) const {}
+  // Whether this motion is an estimate. Then unsure() is 1 where light within the interval that begins at a frame is a
+  // guess, else 0, [height * width]. Thread-safe.
+  virtual bool estimates_motion() const { return false; }
+  virtual std::vector<std::uint8_t> unsure(std::int64_t) const { return {}; }
+  virtual SourceReport report() const { return {}; }
   // Pictures within the interval that begins at a frame: their times, on the clock of info().times_ns, increasing; and
   // all rows of one of them with its subpixels, NaN where it was not rendered.
   virtual std::vector<std::int64_t> between_ns(std::int64_t) const { return {}; }

@@ -27,6 +27,9 @@ struct Media {
   // Appends frames; its end closes the file. codec: FOURCC; empty where no such encoder opens.
   std::function<void(const cv::Mat&)> (*video_writer)(const std::string& path, const std::string& codec, double fps,
                                                       int width, int height);
+  // Dense optical flow (DIS, Kroeger et al., ECCV 2016) between two pictures of 8 bits, grey: [px], from the pixels of
+  // the first, float x and y.
+  cv::Mat (*optical_flow)(const cv::Mat& from, const cv::Mat& to);
   void (*open_window)(const char* name);
   int (*show)(const char* window, const cv::Mat& picture, int wait_ms);  // the key that was pressed, or -1
 };

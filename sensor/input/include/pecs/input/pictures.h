@@ -5,16 +5,21 @@
 #include <memory>
 
 #include "pecs/sensor/source.h"
+#include "pecs/sensor/stages.h"
 
 namespace pecs::input {
 
 struct PictureOptions {
   sensor::FrameTimes times;                          // video: the file's rate, or its frames' times, by default
-  std::optional<std::string> colour_space;           // "srgb", "linear", or a colour space of the OpenColorIO config
+  std::optional<std::string> colour_space;           // "srgb", "linear", "gamma:G", or one of the OpenColorIO config
   std::optional<std::filesystem::path> ocio_config;  // otherwise $OCIO
+  std::optional<sensor::RoiWindow> crop;             // of the pictures; resampled to `size`, in linear light
+  std::optional<std::pair<int, int>> size;           // width and height
+  bool flow = true;                                  // with motion from one to the next (motion_estimate.h)
 };
 
-// A folder of pictures, or a video file. Throws not_found, bad_input, and usage for a wrong colour space.
+// A folder of pictures, or a video file, without motion. Throws not_found, bad_input, and usage for a wrong colour
+// space.
 std::unique_ptr<sensor::FrameSource> open_pictures(const std::filesystem::path& path, const PictureOptions& options);
 
 // Opens an EXR stack, a folder of EXR files, a folder of pictures, or a video, by content.
