@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "pecs/sensor/pixel_model.h"
 
@@ -30,6 +31,9 @@ void add_version(CLI::App& app);  // --version
 // The Python that PECS_PYTHON names, that of the checkout or environment that contains this program, or the system's.
 // variable: one that precedes PECS_PYTHON.
 std::string python(const char* variable = "PECS_PYTHON");
+// Replaces this process by that Python with a module and its words; the module finds this program by PECS_PROGRAM.
+[[noreturn]] void become_python(const std::string& command, std::vector<std::string> words,
+                                const char* variable = "PECS_PYTHON");
 // FILE.py of a model FILE.py:NAME; nothing for another name.
 std::optional<std::string> python_file(const std::string& model);
 // Runs FILE.py. Throws what is wrong with it.

@@ -20,6 +20,7 @@ class Console {
   // (python/pecs/_arguments.py).
   void add_to(CLI::App& app);
 
+  const std::vector<std::string>& arguments() const { return arguments_; }
   bool quiet() const { return quiet_; }
   bool verbose() const { return verbose_; }
 

@@ -19,7 +19,7 @@ namespace {
 
 struct ConvertArguments {
   std::string in, out;
-  std::optional<std::string> format, input_format;
+  std::optional<std::string> format, input_format, topic;
   events::ReadOptions read;
   events::Selection selection;
   sensor::StageOptions stages;
@@ -66,6 +66,22 @@ events::StreamInfo input_info(const ConvertArguments& o, const events::Codec& co
     info = reader->info();
   }
   return info;
+}
+
+// pecs.ros reads and writes ROS bags; it runs this command on a file of events.
+bool has_bag(const ConvertArguments& o) {
+  const std::string end = std::filesystem::path(o.out).extension().string();
+  return events::is_ros_bag(o.in) || end == ".bag" || end == ".mcap" || o.out.ends_with('/') || o.topic ||
+         (o.format && o.format->ends_with("_msgs"));
+}
+
+[[noreturn]] void convert_bag(const ConvertArguments& o, const Console& console) {
+  std::vector<std::string> words = {"pecs._convert_bag", o.in, o.out};
+  if (o.topic) words.push_back("--topic=" + *o.topic);
+  if (o.format) words.push_back("--format=" + *o.format);
+  words.emplace_back("--");
+  words.insert(words.end(), console.arguments().begin(), console.arguments().end());
+  become_python("convert", std::move(words));
 }
 
 Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
@@ -135,12 +151,16 @@ void convert(const ConvertArguments& o, Console& console) {
 void add_convert(CLI::App& app, Console& console) {
   const auto o = std::make_shared<ConvertArguments>();
   CLI::App* sub = app.add_subcommand("convert", "convert an event file to another format, whole, in part or filtered");
-  sub->add_option("IN", o->in, "event file")->required();
-  add_output(*sub, "OUT", o->out, "event file to write; its extension selects the format")->required();
+  sub->add_option("IN", o->in, "event file or ROS bag")->required();
+  add_output(*sub, "OUT", o->out,
+             "event file to write; its extension selects the format, .bag, .mcap or FOLDER/ a ROS bag")
+      ->required();
   std::string names;
   for (const events::Codec& c : events::codecs())
     if (c.open_writer) names += fmt::format("\n{} ({}): {}", c.name, c.extensions.front(), c.description);
+  names += "\nof a ROS bag: dvs_msgs (default of .bag) or event_camera_msgs";
   sub->add_option("--format", o->format, "format of OUT, one of:" + names);
+  sub->add_option("--topic", o->topic, "topic of the events in the ROS bag IN, otherwise in OUT");
   sub->add_option("--input-format", o->input_format, "format of IN, if it cannot be detected");
   sub->add_option("--t-start", o->selection.t_start_us, "keep events from this time of IN on")
       ->transform(quantity("us"));
@@ -163,8 +183,9 @@ void add_convert(CLI::App& app, Console& console) {
   add_examples(*sub,
                {"pecs convert events.raw events.h5", "pecs convert events.raw part.csv --t-start 20ms --t-end 40ms",
                 "pecs convert events.txt events.npz --input-format e2vid",
-                "pecs convert events.raw steady.raw --afk 90:110 --dropped flicker.npy"});
-  sub->callback([o, &console] { convert(*o, console); });
+                "pecs convert events.raw steady.raw --afk 90:110 --dropped flicker.npy",
+                "pecs convert recording.bag events.raw --rezero --topic /dvs/events"});
+  sub->callback([o, &console] { has_bag(*o) ? convert_bag(*o, console) : convert(*o, console); });
 }
 
 }  // namespace pecs::app

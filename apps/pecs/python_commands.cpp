@@ -32,22 +32,6 @@ const PythonCommand kCommands[] = {
      "PECS_BLENDER_PYTHON"},
 };
 
-// Replaces this process. The module finds this program by PECS_PROGRAM.
-[[noreturn]] void execute(const PythonCommand& command, const std::vector<std::string>& arguments,
-                          const Console& console) {
-  const std::filesystem::path self = platform::own_program();
-  if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
-  const std::string program = python(command.variable);
-  std::vector<std::string> words = {program, "-m", "pecs._command"};
-  words.insert(words.end(), command.words.begin(), command.words.end());
-  if (console.quiet()) words.emplace_back("--quiet");
-  if (console.verbose()) words.emplace_back("--verbose");
-  words.insert(words.end(), arguments.begin(), arguments.end());
-  const std::string why = platform::become(program, std::move(words));
-  throw Error(ExitCode::not_found, fmt::format("{}: {}: {}; set {} to a Python that has {}", command.name, program, why,
-                                               command.variable, command.words.front()));
-}
-
 }  // namespace
 
 std::string python(const char* variable) {
@@ -61,12 +45,29 @@ std::string python(const char* variable) {
   return "python3";
 }
 
+void become_python(const std::string& command, std::vector<std::string> words, const char* variable) {
+  const std::filesystem::path self = platform::own_program();
+  if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
+  const std::string program = python(variable), module = words.front();
+  words.insert(words.begin(), {program, "-m", "pecs._command"});
+  const std::string why = platform::become(program, std::move(words));
+  throw Error(ExitCode::not_found,
+              fmt::format("{}: {}: {}; set {} to a Python that has {}", command, program, why, variable, module));
+}
+
 void add_python(CLI::App& app, Console& console) {
   for (const PythonCommand& command : kCommands) {
     CLI::App* sub = app.add_subcommand(command.name, command.help);
     sub->prefix_command();
     sub->set_help_flag();  // Python's
-    sub->callback([sub, &console, &command] { execute(command, sub->remaining(), console); });
+    sub->callback([sub, &console, &command] {
+      std::vector<std::string> words = command.words;
+      if (console.quiet()) words.emplace_back("--quiet");
+      if (console.verbose()) words.emplace_back("--verbose");
+      const std::vector<std::string> more = sub->remaining();
+      words.insert(words.end(), more.begin(), more.end());
+      become_python(command.name, std::move(words), command.variable);
+    });
   }
 }
 

@@ -51,7 +51,16 @@ const std::vector<Codec>& codecs() {
   return all;
 }
 
+bool is_ros_bag(const std::filesystem::path& path) {
+  if (std::filesystem::is_directory(path)) return std::filesystem::exists(path / "metadata.yaml");
+  if (!std::filesystem::is_regular_file(path)) return false;
+  const std::vector<std::byte> head = head_of(path, 16);
+  return begins_with(head, "#ROSBAG V2.0") || begins_with(head, "\x89MCAP0\r\n") ||
+         begins_with(head, "SQLite format 3");
+}
+
 const Codec& codec_of_file(const std::filesystem::path& path, const std::optional<std::string>& format) {
+  if (is_ros_bag(path)) throw bad_input(path.string(), "", "a ROS bag", "an event file (pecs convert IN OUT.raw)");
   if (format) return named(path, *format, false);
   const std::vector<std::byte> head = head_of(path, kHeadBytes);
   for (const Codec& codec : codecs())

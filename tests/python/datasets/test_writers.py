@@ -196,6 +196,64 @@ def test_e2vid_text_and_euroc_imu(sequence, exported):
     assert (at / "depth.txt").read_text().splitlines()[4] == "0.040000 depth/00000004.npy"
 
 
+# --- ROS --------------------------------------------------------------------------------------------------------------
+
+
+def test_ros_by_rosbags(sequence, exported):
+    from rosbags.highlevel import AnyReader
+
+    folder, report = exported("ros")
+    found = {}
+    with AnyReader([folder / "0000"]) as reader:
+        times = []
+        for connection, t_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+            times.append(t_ns)
+            stamp = message.header.stamp
+            assert t_ns == max(1, stamp.sec * 10**9 + stamp.nanosec)
+    left, frames, names = sequence.cameras["left"], sequence.cameras["frame"].frames(), ("events", "pose", "depthmap")
+    assert times == sorted(times) and {f"/cam{i}/{name}" for i in (0, 1) for name in names} <= set(found)
+    small.same_events([pecs.ros.read_bag(folder / "0000", "/cam1/events")[k] for k in "txyp"],
+                      sequence.cameras["right"].events(), seconds=False)  # fmt: skip
+    for image, frame in zip(found["/cam0/image_raw"], frames, strict=True):
+        picture = cv2.imread(str(frame.path))[..., ::-1]
+        assert (image.encoding, image.step) == ("rgb8", 3 * W)
+        np.testing.assert_array_equal(image.data.reshape(H, W, 3), picture)
+        assert image.header.stamp.nanosec == 1000 * frame.middle_us
+    info = found["/cam0/camera_info"][0]
+    assert len(found["/cam0/camera_info"]) == len(frames) and info.distortion_model == "plumb_bob"
+    np.testing.assert_array_equal(info.k.reshape(3, 3), left.K)
+    np.testing.assert_array_equal(info.d[: len(left.distortion)], left.distortion)
+    t_us, poses = left.poses()
+    for t, pose, message in zip(t_us, poses, found["/cam0/pose"], strict=True):
+        p, q = message.pose.position, message.pose.orientation
+        np.testing.assert_allclose([p.x, p.y, p.z], pose[:3, 3])
+        turned = pecs._poses.matrix_from_quaternion([q.x, q.y, q.z, q.w])
+        np.testing.assert_allclose(turned, pose[:3, :3], atol=1e-9)
+        assert message.header.stamp.nanosec == round(1000 * t) and message.header.frame_id == "world"
+    for i, image in enumerate(found["/cam0/depthmap"]):
+        assert image.encoding == "32FC1"
+        np.testing.assert_array_equal(image.data.view("<f4").reshape(H, W), left.truth.depth(i)[1])
+    flow = np.stack([getattr(found["/cam0/optic_flow"][4], name) for name in ("flow_x", "flow_y")], -1).reshape(H, W, 2)
+    np.testing.assert_allclose(flow * 0.01, left.truth.flow(4), rtol=1e-5)
+    imu = [[m.linear_acceleration.y, m.angular_velocity.x, m.orientation_covariance[0]] for m in found["/imu"]]
+    np.testing.assert_allclose(imu, np.tile([-9.81, 0, -1], (101, 1)))
+    assert report["sequences"]["0000"]["image_raw"] >= len(frames)
+    assert "normals, masks, boxes, causes, objects" in left_out(report)
+
+
+def test_ros1_by_import_rosbag(sequence, tmp_path, outside):
+    """A bag of ROS 1 by an independent reader: events, pose, IMU, picture, flow."""
+    writers.write("ros", [sequence], tmp_path / "r", storage="ros1")
+    found = outside("ros1", tmp_path / "r" / "0000.bag")
+    left = sequence.cameras["left"]
+    small.same_events([found[f"/cam0/events:{k}"] for k in ("ts", "x", "y", "pol")], left.events())
+    np.testing.assert_allclose(found["/cam0/pose:point"], left.poses()[1][:, :3, 3])
+    np.testing.assert_allclose(found["/imu:acc"][:, 1], -9.81)
+    fails(pecs.PecsInputError, "storage: got x, wanted ros1", "ros", [sequence], tmp_path / "x", storage="x")
+
+
 # --- COCO, WebDataset -------------------------------------------------------------------------------------
 
 
@@ -328,6 +386,7 @@ def test_only_events(tmp_path, sequence):
     expected = {"dsec": "flow, disparity", "dsec_detection": "boxes", "prophesee": "boxes"}
     expected |= {
         "ecd": "imu.txt, imu0/data.csv",
+        "ros": "image_raw of camera left",
         "coco": "camera left",
         "webdataset": "camera left",
     }

@@ -121,6 +121,14 @@ def webdataset(folder):
     return out | {"keys": np.array(keys), "shards": np.array(shards)}
 
 
+def ros1(bag):
+    """importRosbag's arrays of each topic."""
+    from importRosbag.importRosbag import importRosbag
+
+    topics = importRosbag(filePathOrName=str(bag), disable_bar=True)
+    return {f"{t}:{name}": v for t, found in topics.items() for name, v in found.items() if isinstance(v, np.ndarray)}
+
+
 def windows(folder):
     """pecs.datasets.Windows through PyTorch's DataLoader, and under tonic's transforms. FOLDER: of a sequence."""
     import tonic.transforms

@@ -34,6 +34,7 @@ WRITERS = {
     "ecd": "Event Camera Dataset, E2VID: text, TUM poses, EuRoC IMU",
     "radiance": "radiance fields: transforms.json, sharp and blurred pictures, events, E2NeRF's counts",
     "coco": "COCO: instances with RLE masks, one file for each camera",
+    "ros": "ROS 1 and 2 bags: events, pictures, camera_info, poses, depth, flow, IMU",
     "webdataset": "WebDataset: tar shards, one sample for each interval of the truth",
 }
 REPORT = "export.json"

@@ -83,6 +83,10 @@ struct Codec {
 
 const std::vector<Codec>& codecs();
 
+// Whether the content is a ROS bag's: of ROS 1, MCAP, SQLite, or a folder with metadata.yaml. Python reads it
+// (pecs.ros).
+bool is_ros_bag(const std::filesystem::path& path);
+
 // The codec of an existing file, by content, then by extension; `format` overrides both. Throws pecs::Error.
 const Codec& codec_of_file(const std::filesystem::path& path, const std::optional<std::string>& format = {});
 // The codec for a new file, by extension; `format` overrides it. Throws pecs::Error.
