@@ -52,8 +52,10 @@ const std::vector<Codec>& codecs() {
 }
 
 bool is_ros_bag(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) return std::filesystem::exists(path / "metadata.yaml");
-  if (!std::filesystem::is_regular_file(path)) return false;
+  std::error_code unreadable;  // the reader reports it
+  if (std::filesystem::is_directory(path, unreadable))
+    return std::filesystem::exists(path / "metadata.yaml", unreadable);
+  if (!std::filesystem::is_regular_file(path, unreadable)) return false;
   const std::vector<std::byte> head = head_of(path, 16);
   return begins_with(head, "#ROSBAG V2.0") || begins_with(head, "\x89MCAP0\r\n") ||
          begins_with(head, "SQLite format 3");
