@@ -4,6 +4,7 @@
 scripts/pictures/examples.py
 """
 
+import importlib.util
 import json
 import runpy
 import shutil
@@ -52,6 +53,8 @@ def notebook(path: Path) -> None:
 def main() -> None:
     sheet("simulate_frames", "bar.raw", "--count", "2")
     sheet("stream_frames", "stream.npz", "--count", "2")
+    if importlib.util.find_spec("mujoco"):
+        sheet("mujoco_camera", "robot.raw", "--count", "2")
     models()
     for path in sorted(EXAMPLES.glob("*/*.ipynb")):
         notebook(path)

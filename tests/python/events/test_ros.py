@@ -1,6 +1,10 @@
 """ROS bags of pecs.ros, read back by rosbags, mcap and the format's other readers, and bags that are wrong."""
 
+import array
 import json
+import runpy
+import sys
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pecs
@@ -9,6 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pecs import ros
 from rosbags.highlevel import AnyReader
+from support import ROOT
 from support.event_readers import HEIGHT, STREAMS, WIDTH, assert_same, by_evt3
 
 ENDS = (".bag", ".mcap", "")
@@ -162,3 +167,54 @@ def test_events_that_a_bag_cannot_contain(tmp_path):
     with pytest.raises(pecs.PecsInputError, match="size: got 0x0"):
         ros.write_bag(tmp_path / "e.bag", good)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_node_on_stand_ins(monkeypatch):
+    """The example publishes the events of pecs.simulate; ROS itself is replaced."""
+
+    class Node:
+        def __init__(self, name):
+            self.published = []
+
+        def declare_parameter(self, name, value):
+            return SimpleNamespace(value=value)
+
+        def create_publisher(self, kind, topic, depth):
+            return SimpleNamespace(publish=self.published.append)
+
+        def create_subscription(self, *_):
+            pass
+
+        def get_logger(self):
+            return SimpleNamespace(warning=lambda text: None)
+
+    def header(t_ns=0):
+        return SimpleNamespace(stamp=SimpleNamespace(sec=t_ns // 10**9, nanosec=t_ns % 10**9), frame_id="c")
+
+    def event_packet(**fields):
+        return SimpleNamespace(header=header(), events=array.array("B"), is_bigendian=False, **fields)
+
+    parts = {"rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs.msg": {"Image": None}}
+    parts |= {"event_camera_msgs.msg": {"EventPacket": event_packet}}
+    for name, content in parts.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, "sensor_msgs", ModuleType("sensor_msgs"))
+    monkeypatch.setitem(sys.modules, "event_camera_msgs", ModuleType("event_camera_msgs"))
+    node = runpy.run_path(ROOT / "examples/ros_node/event_camera_node.py")["EventCamera"]()
+    x = np.arange(64)
+    frames = [np.tile(128 + 100 * np.sin(0.2 * x - 0.1 * i), (48, 1)).astype(np.uint8) for i in range(20)]
+    start_ns = 1_700_000_000 * 10**9
+    for i, frame in enumerate(frames):
+        fields = {"width": 64, "height": 48, "step": 192, "encoding": "rgb8", "header": header(start_ns + i * 10**6)}
+        node.on_image(SimpleNamespace(**fields, data=np.repeat(frame, 3).tobytes()))
+    found = []
+    for message in node.published:
+        message.events = np.array(message.events, np.uint8)
+        found.append(ros._mono(None, "", message))
+    found = np.concatenate(found)
+    wanted = pecs.simulate(np.array(frames), 1000.0 * np.arange(20), chip="imx636", photocurrent_a=1e-12, seed=1)
+    found["t"] -= start_ns // 1000
+    assert 1000 < len(found) <= len(wanted)
+    assert_same([found[name] for name in "txyp"], wanted[: len(found)])
