@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 from ._arguments import Parser
 from ._child import mortal
 from ._command import answer
+from ._config import read_json
 from ._errors import UsageError
 from ._files import check_outputs, sha256, write_json
 from ._program import program
@@ -98,7 +98,7 @@ def _record(words: list[str], args: argparse.Namespace, made: Path, from_bag: bo
     if not path.exists():  # a pipe or a device has none
         return
     source, target = Path(args.input), Path(args.output)
-    record = json.loads(path.read_text("utf-8")) | {"arguments": words, "output": str(target)}
+    record = read_json(path) | {"arguments": words, "output": str(target)}
     record["config"]["topic"] = args.topic
     if from_bag:
         content = source / "metadata.yaml" if source.is_dir() else source

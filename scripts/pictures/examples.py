@@ -53,8 +53,9 @@ def notebook(path: Path) -> None:
 def main() -> None:
     sheet("simulate_frames", "bar.raw", "--count", "2")
     sheet("stream_frames", "stream.npz", "--count", "2")
-    if importlib.util.find_spec("mujoco"):
-        sheet("mujoco_camera", "robot.raw", "--count", "2")
+    for name, module, output in (("mujoco_camera", "mujoco", "robot.raw"), ("pybullet_hand", "pybullet", "hand.raw")):
+        if importlib.util.find_spec(module):
+            sheet(name, output, "--count", "2")
     models()
     for path in sorted(EXAMPLES.glob("*/*.ipynb")):
         notebook(path)

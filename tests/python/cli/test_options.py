@@ -30,7 +30,7 @@ COMMANDS = {
         {
             "--format": ["npz"], "--input-format": ["evt3", "evt2", "npz", "csv", "e2vid", "v2e"], "--t-start": ["3ms"],
             "--t-end": ["9ms"], "--rezero": [], "--decimate": ["2"], "--size": ["80", "60"], "--time-unit": ["ns"],
-            "--late": ["sort", "drop"], "--json": [],
+            "--late": ["sort", "drop"], "--topic": ["/a"], "--json": [],
         } | STAGES,
     ),
     "info": (

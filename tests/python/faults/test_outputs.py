@@ -246,6 +246,7 @@ OWN = {  # in a sequence's folder, under its lock
     "datasets/pictures.py": {"rmtree"},
     "datasets/cli.py": {"rename", "unlink"},
     "datasets/blender.py": {"open"},
+    "ros.py": {"open", "move"},  # in an archive, and in the folder of `whole_folder`
 }
 
 

@@ -20,3 +20,10 @@ def test_mujoco_camera(tmp_path):
     events = pecs.read(out)
     assert said.startswith(f"{out}: {len(events)} events from ") and 80_000 < len(events) < 140_000
     assert 20 < int(said.partition(" events from ")[2].split()[0]) < 40
+
+
+def test_pybullet_hand(tmp_path):
+    pytest.importorskip("pybullet", reason="needs PyBullet: pip install pybullet")
+    script, out = ROOT / "examples/pybullet_hand/pybullet_hand.py", tmp_path / "hand.raw"
+    said = subprocess.run([sys.executable, script, out], capture_output=True, text=True, check=True).stdout
+    assert f"{out}: {len(pecs.read(out))} events from 356 frames" in said and 50_000 < len(pecs.read(out)) < 80_000
