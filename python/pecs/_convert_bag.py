@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from ._arguments import Parser
-from ._child import mortal
 from ._command import answer
 from ._config import read_json
 from ._errors import UsageError
 from ._files import check_outputs, sha256, write_json
+from ._platform import die_with_parent
 from ._program import program
 from .events import EventReader
 from .ros import MESSAGES, check_messages, is_bag, unpack, write_bag
@@ -82,7 +82,7 @@ def _run_program(words: list[str], names: dict[str, str]) -> str:
             text = text.replace(alias, name)
         return text
 
-    command = mortal([program(), *words])
+    command = die_with_parent([program(), *words])
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         for line in child.stderr or ():
             sys.stderr.write(named(line))
