@@ -137,7 +137,7 @@ SenseRun::SenseRun(const SenseOptions& options)
 
 Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
   const int width = source_->info().width;
-  const bool labels = options_.labels || (source_->estimates_motion() && model_traits(model_.name).tells_causes);
+  const bool labels = options_.labels || (source_->estimates_motion() && model_traits(model_).tells_causes);
   ModelChoice model = model_;
   model.noise_seed = noise_seed;
   // The readout begins after the warm-up.
