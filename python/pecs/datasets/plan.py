@@ -28,6 +28,7 @@ from .table import Value
 
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
+OF_SCENE = "scene"  # kind of trajectory
 OF_LIGHT = ("time", "fps", "step_px", "subpixels", "noise_events")
 Draw = Callable[[str, Value], Any]
 
@@ -169,6 +170,11 @@ class SequencePlan:
         return given.pop("kind"), given
 
     @property
+    def follows_scene(self) -> bool:
+        """Whether the rig has the motion of the .blend's camera (scene_cameras.py)."""
+        return self.trajectory["kind"] == OF_SCENE
+
+    @property
     def scene_words(self) -> list[Any]:
         """Arguments of the renderer: the scene and its drawn parameters."""
         place = ["--place", "place.json"] if self.place else []
@@ -183,6 +189,7 @@ class SequencePlan:
             "lens": owner.entry.lens,
             "fnumber": owner.fnumber,
             "focus_m": owner.focus_m,
+            "camera": owner.entry.camera,
             "chip": camera.film,
             "width": camera.pixels.width,
             "height": camera.pixels.height,

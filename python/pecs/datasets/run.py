@@ -18,7 +18,7 @@ from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
 from . import imu as imus
-from . import pictures, placing, recipe_check, report, rgb, rig, trajectories
+from . import pictures, placing, recipe_check, report, rgb, rig, scene_cameras, trajectories
 from .blender import blender
 from .files import MAX_BYTES, npy_bytes
 from .manifest import seal
@@ -76,16 +76,7 @@ def _move(work: Work) -> None:
     if (work.folder / "poses.txt").exists():
         return
     work.say("path")
-    plan, survey = work.plan, work.folder / "survey.npz"
-    if not survey.exists():
-        blender(
-            *("survey", *plan.scene_words, "-o", survey.name),
-            *words(plan.recipe.permission),
-            *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / plan.duration_s),
-            folder=work.folder,
-            log="survey.log",
-        )
-    path = trajectories.plan(*plan.path, _surfaces(survey), plan.rng("trajectory"))
+    plan, path = work.plan, _path(work)
     t_s = np.arange(math.ceil(plan.end_s * plan.path_hz) + 3) / plan.path_hz
     for camera in plan.cameras:
         if camera.owns_pixels:
@@ -96,6 +87,22 @@ def _move(work: Work) -> None:
     rate = plan.imu.rate_hz if plan.imu else PATH_HZ
     t_s = np.arange(math.floor(plan.duration_s * rate * (1 + 1e-12)) + 1) / rate
     poses.write_tum(work.folder / "poses.txt", t_s, *path.pose(t_s))
+
+
+def _path(work: Work) -> trajectories.Trajectory:
+    """Through the scene, away from its surfaces; or that of the scene's own camera."""
+    plan, survey = work.plan, work.folder / "survey.npz"
+    if plan.follows_scene:
+        return scene_cameras.trajectory(plan)
+    if not survey.exists():
+        blender(
+            *("survey", *plan.scene_words, "-o", survey.name),
+            *words(plan.recipe.permission),
+            *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / plan.duration_s),
+            folder=work.folder,
+            log="survey.log",
+        )
+    return trajectories.plan(*plan.path, _surfaces(survey), plan.rng("trajectory"))
 
 
 def _surfaces(survey: Path) -> trajectories.Surfaces:
@@ -135,7 +142,7 @@ def _render(work: Work, camera: CameraPlan, threads: int) -> None:
     light = plan.light(camera) | {"frames": ",".join(f"{begin}:{end}" for begin, end in plan.ranges(camera))}
     if not camera.owns_pixels:  # its film stands where that of the owner stands
         owner = rig.stack_json(work.folder / camera.pixels.owner.name / "stack")
-        light["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"]))
+        light["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"])) if owner["lens"] else None
     render("light", work.folder / camera.stack, light)
 
 
@@ -152,9 +159,11 @@ class _View(NamedTuple):
 
 
 def _view(work: Work, camera: CameraPlan) -> _View:
-    optics = rig.optics(stack := rig.stack_json(work.folder / camera.stack), camera.entry.lens)
+    stack, K = rig.stack_json(work.folder / camera.stack), scene_cameras.K(work.plan, camera)
+    optics = rig.optics(stack, camera.entry.lens, K)
     recipe_check.covered(work.plan.recipe, camera, optics.directions)
-    return _View(stack, optics, rig.pinhole(optics.directions), camera.rig_from_camera)
+    pinhole = rig.pinhole(optics.directions) if K is None else rig.Pinhole(K, np.zeros(5), 0.0)
+    return _View(stack, optics, pinhole, camera.rig_from_camera)
 
 
 def _describe(work: Work) -> None:
@@ -203,7 +212,7 @@ def _described(work: Work, camera: CameraPlan, views: dict[str, _View]) -> dict[
     matrices |= {"K_rect": K, "R_rect": R_rect}
     return {
         **{key: getattr(entry, key) for key in ("name", "kind", "chip", "preset", "model", "partner", "pixels_of")},
-        **{key: view.stack["lens"][key] for key in ("fnumber", "focus_m")},
+        **{key: (view.stack["lens"] or view.stack).get(key) for key in ("fnumber", "focus_m")},
         **{key: matrix.tolist() for key, matrix in matrices.items()},
         "width": width,
         "height": height,
