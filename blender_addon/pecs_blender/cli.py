@@ -98,7 +98,7 @@ def _scene_options(command) -> None:
     add = command.add_argument
     text = "set a parameter of the scene folder; @FILE sets those of an aligned.json"
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
-    add("--place", type=Path, metavar="FILE", help="JSON file of objects from other .blend files to add to the scene")
+    add("--place", type=Path, metavar="FILE", help="JSON file of objects from other files to add to the scene")
     add("--scene-name", help="scene of the .blend; by default the active one")
     add("--camera", metavar="NAME", help="camera of the .blend; by default the active one, and those of markers")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")

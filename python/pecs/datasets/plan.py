@@ -21,7 +21,7 @@ import numpy as np
 from .._config import is_number
 from .._errors import ExitCode, PecsError, PecsInputError
 from ..chip import Chip
-from . import rgb, rig
+from . import placing, rgb, rig
 from .imu import Imu
 from .recipe import SPLITS, CameraEntry, Recipe, SceneEntry
 from .table import Value
@@ -253,7 +253,9 @@ class SequencePlan:
         names += map(str, self.parameters.values())
         names += [name for c in self.recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
         found = {name: _named(self.recipe, name) for name in names} | {f"scene {self.scene.name}": self.scene.path}
-        return {name: path for name, path in found.items() if isinstance(path, Path)}
+        files = {name: path for name, path in found.items() if isinstance(path, Path)}
+        models = {thing["file"] for thing in self.place} & files.keys()
+        return files | {f"{name} {path.name}": path for name in models for path in placing.read_with(files[name])}
 
     def rng(self, name: str) -> np.random.Generator:
         return generator(self.recipe.seed, self.index, name)
