@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pecs._errors import UsageError
 
-from ..spectral.spectra import spectrum
+from ..spectral.spectra import K_CD_LM_PER_W, spectrum
 from .blend import BlendScene, check
 from .folder import FolderScene
 from .placed import Placed
@@ -39,4 +39,7 @@ def open_scene(
     if place:
         scene = source.scene
         source.placed = Placed(place, scene, source.unit_m, lambda file: check(file, scene, allow_scripts))
+        source.sky = source.placed.sky
+        if isinstance(source, BlendScene) and source.sky:
+            source.sky.shine(K_CD_LM_PER_W * source.radiance_per_unit(None))
     return source

@@ -17,6 +17,7 @@ from pecs._files import sha256
 from . import cycles
 from .content import Walk
 from .importers import READERS, imported
+from .sky import Sky
 
 FILES = ("file", "texture")
 TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
@@ -24,7 +25,7 @@ TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no 
 
 class Placed:
     """The objects of a placement file in the scene; pose() moves them to an instant. record: for stack.json, with the
-    files' names only. check: of each file."""
+    files' names only. check: of each file. sky: instead of the scene's, or None."""
 
     def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float, check: Callable[[Path], None]):
         content = read_json(file)
@@ -32,6 +33,7 @@ class Placed:
         top = Fields(content, file)
         if top.number("format") != 1:
             raise top.wrong("format", "1")
+        self.sky = Sky(top.table("sky"), scene) if top.has("sky") else None
         for entry in top.tables("objects"):
             self._things.append(_Thing(entry, scene, check))
         top.done()

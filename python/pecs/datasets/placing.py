@@ -25,10 +25,13 @@ OWN_AXES = (".obj", ".ply")  # that do not say which axis points up
 def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
     """Files of a pattern, sorted, so that the same set of files gives the same draws."""
     pattern, beside = table.text(key), Path(str(table.file)).parent
-    there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
+    whole = f"{pattern}/**/*" if (beside / pattern).is_dir() else pattern
+    there = () if pattern.startswith(("/", "..")) else beside.glob(whole)
     found = sorted(str(p.relative_to(beside)) for p in there if p.suffix.lower() in kinds)
     if not found:
-        raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
+        raise table.fail(
+            key, f"{pattern}: no file", f"a folder or a pattern of {', '.join(kinds)} files beside the recipe"
+        )
     return tuple(found)
 
 
@@ -93,6 +96,8 @@ class Pool:
                     "size_m": float(self.size_m.draw(of)) if self.size_m else None,
                     **({} if self.size_m else {"unit_m": self.unit_m}),
                     **({"up": self.up} if self.up else {}),
+                    "low_m": self.low_m,
+                    "high_m": self.high_m,
                     "position_m": of.uniform(self.low_m, self.high_m).tolist(),
                     "rotation_deg": turns.tolist(),
                     "velocity_m_s": (_unit(heading) * self.speed_m_s.draw(of)).tolist(),
@@ -100,6 +105,19 @@ class Pool:
                 }
             )
         return found
+
+
+@dataclass(frozen=True)
+class Sky:
+    """files: pictures of all directions (HDRI), relative to the recipe. lux: on a horizontal surface."""
+
+    files: tuple[str, ...] = key(_files, ".hdr", ".exr")
+    lux: Value = key(Table.value, low=1e-6, high=1e7)
+    turn_deg: Value = key(Table.value, 0.0, -360, 360)
+
+    def draw(self, of: np.random.Generator) -> dict[str, Any]:
+        file = self.files[int(of.integers(len(self.files)))]
+        return {"file": file, "lux": float(self.lux.draw(of)), "turn_deg": float(self.turn_deg.draw(of))}
 
 
 def _unit(vector: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -141,8 +159,9 @@ def _named(file: Path, *words: str) -> list[str]:
 
 def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
     """Objects in the format of `--place`, for a recipe in the folder `beside`."""
-    found = []
+    found: list[dict[str, Any]] = []
     for number, thing in enumerate(things):
         files = {key: str((beside / thing[key]).resolve()) if thing[key] else None for key in ("file", "texture")}
-        found.append(thing | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
+        own = {key: value for key, value in thing.items() if key not in ("low_m", "high_m")}
+        found.append(own | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
     return found

@@ -18,6 +18,7 @@ from .._options import STAGE_KEYS
 from .._text import MOST_BYTES, is_file_name
 from ..chip import presets
 from . import placing
+from .blender import scene_folders
 from .checks import LIMITS
 from .table import Table, Value, key, optional
 from .writers import WRITERS
@@ -218,7 +219,10 @@ def _unique(top: Table, place: str, names: list[str]) -> None:
 
 
 def _path(table: Table, key: str) -> Path:
+    """A file or a folder beside the recipe, or the name of a scene of PECS."""
     path = Path(str(table.file)).parent / table.text(key)
+    if is_file_name(name := table.text(key)) and not path.exists():
+        path = next((folder / name for folder in scene_folders() if (folder / name).is_dir()), path)
     if not path.exists() and not path.resolve().exists():  # the recipe's folder may be made later
         raise table.fail(key, str(path), "a .blend file or a scene folder that is there")
     return path
@@ -234,6 +238,7 @@ class SceneEntry:
     options: dict[str, Any] = key(Table.all, _option)
     light_scale: Value = key(Table.value, 1.0, 1e-9, 1e9)
     pools: tuple[placing.Pool, ...] = key(placing.pools, name="place")
+    sky: placing.Sky | None = optional(Table.part, placing.Sky)
     trajectory: dict[str, Any] = key(Table.all, _motion)
 
 

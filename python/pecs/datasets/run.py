@@ -17,13 +17,13 @@ from .._arguments import words
 from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
+from . import fitting, parameters, pictures, placing, recipe_check, report, rgb, rig, scene_cameras, trajectories
 from . import imu as imus
-from . import pictures, placing, recipe_check, report, rgb, rig, scene_cameras, trajectories
 from .blender import blender
-from .files import MAX_BYTES, npy_bytes
+from .files import MAX_BYTES, npy_bytes, read_object
 from .manifest import seal
 from .paths import GRAVITY_M_S2
-from .plan import PATH_HZ, CameraPlan, SequencePlan
+from .plan import PATH_HZ, PLACE, CameraPlan, SequencePlan, at
 from .sequence import Sequence
 from .work import Work, portable, sequence_work
 
@@ -63,9 +63,16 @@ def _inputs(work: Work) -> None:
         if film := camera.entry.film:
             size = pixels.width, pixels.height, pixels.pitch_um
             rgb.write_chip(work.folder / camera.film, None, *size, film.peak_qe)
-    if plan.place:
-        objects = placing.placed(plan.place, plan.recipe.path.parent)
-        write_json(work.folder / "place.json", {"format": 1, "objects": objects})
+    if (plan.place or plan.sky) and not (work.folder / "poses.txt").exists():
+        _write_place(work, [thing["position_m"] for thing in plan.place])
+
+
+def _write_place(work: Work, positions_m: list[list[float]]) -> None:
+    """The objects and the sky, for the renderer."""
+    plan, beside = work.plan, work.plan.recipe.path.parent
+    sky = {"sky": plan.sky | {"file": str((beside / plan.sky["file"]).resolve())}} if plan.sky else {}
+    things = [thing | {"position_m": put} for thing, put in zip(plan.place, positions_m, strict=True)]
+    write_json(work.folder / PLACE, {"format": 1, "objects": placing.placed(things, beside)} | sky)
 
 
 # Motion
@@ -90,9 +97,9 @@ def _move(work: Work) -> None:
 
 
 def _path(work: Work) -> trajectories.Trajectory:
-    """Through the scene, away from its surfaces; or that of the scene's own camera."""
+    """Through the scene, away from its surfaces, or that of the scene's own camera; then objects get their places."""
     plan, survey = work.plan, work.folder / "survey.npz"
-    if plan.follows_scene:
+    if plan.follows_scene and not plan.place:
         return scene_cameras.trajectory(plan)
     if not survey.exists():
         blender(
@@ -102,14 +109,39 @@ def _path(work: Work) -> trajectories.Trajectory:
             folder=work.folder,
             log="survey.log",
         )
-    return trajectories.plan(*plan.path, _surfaces(survey), plan.rng("trajectory"))
+    surfaces, objects = _surfaces(survey, [f"{Path(one['file']).stem}_{i:03d}" for i, one in enumerate(plan.place)])
+    kind, given = plan.path
+    if plan.follows_scene:
+        path = scene_cameras.trajectory(plan)
+    else:
+        path = trajectories.plan(kind, given, surfaces, plan.rng("trajectory"))
+    if plan.place:
+        defaults = parameters.PARAMETERS["still"]
+        limits = {key: float(given.get(key, defaults[key].default)) for key in ("clearance_m", "view_deg")}
+        with at(plan.recipe, f"scene {plan.scene.name}.place"):
+            found = fitting.fit(
+                plan.place, objects, surfaces, path, plan.rng("place"), duration_s=plan.duration_s, **limits
+            )
+        _write_place(work, found)
+    return path
 
 
-def _surfaces(survey: Path) -> trajectories.Surfaces:
-    """Surfaces that `pecs_blender survey` has sampled."""
+def _surfaces(survey: Path, placed: list[str]) -> tuple[trajectories.Surfaces, list[rig.Array]]:
+    """Surfaces that `pecs_blender survey` has sampled, without placed objects; and of each of these, points at the
+    first instant."""
     with np.load(survey, allow_pickle=False) as found:
-        points = np.split(found["points"], found["first"][1:-1])
-        return trajectories.Surfaces(found["times_s"], points, found["static_points"], float(found["spacing_m"]))
+        first, ids = found["first"], dict(zip(found["names"].tolist(), found["ids"].tolist(), strict=True))
+        numbers = [ids.get(name, -1) for name in placed]
+        moving, still = found["points"], found["static_points"]
+        movers, standing = found["objects"], found["static_objects"]
+        objects = [
+            np.concatenate([moving[: first[1]][movers[: first[1]] == number], still[standing == number]])
+            for number in numbers
+        ]
+        parts = zip(np.split(moving, first[1:-1]), np.split(movers, first[1:-1]), strict=True)
+        points = [part[~np.isin(whose, numbers)] for part, whose in parts]
+        own = still[~np.isin(standing, numbers)]
+        return trajectories.Surfaces(found["times_s"], points, own, float(found["spacing_m"])), objects
 
 
 def _write_imu(work: Work, path: trajectories.Trajectory, imu: imus.Imu) -> None:
@@ -169,6 +201,12 @@ def _view(work: Work, camera: CameraPlan) -> _View:
 def _describe(work: Work) -> None:
     """sequence.json and the rectification maps."""
     plan, recipe = work.plan, work.plan.recipe
+    drawn = plan.drawn
+    if plan.place:
+        if not (work.folder / PLACE).exists():  # sequence.json exists: the run was stopped at its end
+            return
+        objects = read_object(work.folder / PLACE, "placed objects")["objects"]
+        drawn["place"] = [one | {"position_m": put["position_m"]} for one, put in zip(plan.place, objects, strict=True)]
     views = {camera.name: _view(work, camera) for camera in plan.cameras if camera.owns_pixels}
     imu = plan.imu and vars(recipe.imu) | {
         "rig_from_imu": plan.imu.rig_from_imu.tolist(),
@@ -183,7 +221,7 @@ def _describe(work: Work) -> None:
             "split": plan.split,
             "seed": recipe.seed,
             "duration_us": plan.duration_us,
-            "drawn": portable(plan.drawn),
+            "drawn": portable(drawn),
             "scene": plan.scene.name,
             "cameras": [_described(work, camera, views) for camera in plan.cameras],
             "imu": imu,
@@ -256,7 +294,7 @@ def _sense(work: Work, camera: CameraPlan) -> None:
 
 def _drop(work: Work) -> None:
     """Deletes stacks that the recipe does not keep, and inputs of the renderer."""
-    (work.folder / "place.json").unlink(missing_ok=True)
+    (work.folder / PLACE).unlink(missing_ok=True)
     (work.folder / "survey.npz").unlink(missing_ok=True)
     keep = work.plan.recipe.keep
     for camera in work.plan.cameras:

@@ -210,6 +210,73 @@ def test_a_changed_texture_or_material_is_another_stack(files, models, tmp_path)
     assert render(files, tmp_path / "s", entry, *words, check=False).returncode == 5
 
 
+SKIES = """
+import sys
+import bpy
+import numpy as np
+from support import blend_parts
+folder = sys.argv[1]
+scene = blend_parts.start()
+bpy.ops.mesh.primitive_plane_add(size=1000)
+material, _, _ = blend_parts.material("grey", ("ShaderNodeBsdfDiffuse", {"Color": blend_parts.GREY}))
+bpy.context.object.data.materials.append(material)
+scene.camera.location.z, scene.camera.rotation_euler = 2, (0.3, 0, 0)
+bpy.ops.wm.save_as_mainfile(filepath=folder + "/floor.blend")
+for name, size, below in (("sky", (64, 32), False), ("dark", (64, 32), True), ("square", (32, 32), False)):
+    pixels = np.zeros((*size[::-1], 4), np.float32)
+    pixels[: size[1] // 2 if below else None] = 0.2, 0.3, 0.4, 1
+    if not below:
+        pixels[24:27, 40:43, :3] = 300
+    image = bpy.data.images.new(name, *size, float_buffer=True)
+    image.pixels.foreach_set(pixels.ravel())
+    image.filepath_raw, image.file_format = f"{folder}/{name}.hdr", "HDR"
+    image.save()
+open(folder + "/empty.hdr", "w").close()
+"""
+
+
+@pytest.fixture(scope="module")
+def skies(files):
+    in_bpy(SKIES, files)
+    return files
+
+
+def under_sky(folder, scene, name, *words, check=True):
+    sky = {"file": str(folder / f"{name}.hdr"), "lux": 1000, "turn_deg": 40}
+    (folder / "sky.json").write_text(json.dumps({"format": 1, "objects": [], "sky": sky}))
+    return pecs_blender("light", scene, "--place", folder / "sky.json", "--json", *words, check=check)
+
+
+def test_a_sky_gives_a_floor_its_lux(root, skies):
+    """Measured on the rendered floor, in a .blend and in a scene folder; a lamp of the folder adds its own."""
+    stage, without = root / "scenes/stage", ("--set", "lamps=0")
+    for scene, words in ((skies / "floor.blend", ()), (stage, without)):
+        found = json.loads(under_sky(skies, scene, "sky", *words).stdout)
+        assert found["lux"]["median"] == pytest.approx(1000, rel=0.1), scene
+    both = json.loads(under_sky(skies, stage, "sky", "--set", "illuminance_lux=3000").stdout)
+    assert both["lux"]["median"] > 2000
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "line"),
+    [
+        ("nosuch", 3, "nosuch.hdr: no such file"),
+        ("empty", 4, "empty.hdr: got no pixels"),
+        ("dark", 4, "dark.hdr: got no light above the horizon"),
+        ("square", 4, "square.hdr: size: got 32 x 32, wanted twice as wide as high"),
+    ],
+)
+def test_what_is_no_sky_is_one_line(skies, name, code, line):
+    result = under_sky(skies, skies / "floor.blend", name, check=False)
+    ours = [said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")]
+    assert result.returncode == code and len(ours) == 1 and line in ours[0], result.stderr
+
+
+def test_a_stage_without_light_is_refused(root):
+    result = pecs_blender("light", root / "scenes/stage", "--set", "lamps=0", check=False)
+    assert result.returncode == 4 and "no lamp that shines" in result.stderr
+
+
 def test_what_files_lack_is_one_line(files, tmp_path):
     for things, line in (
         ([thing(files, file="plain", texture=str(files / "red.png"))], "no UV map"),
