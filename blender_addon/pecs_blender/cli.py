@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # they import bpy
     from .camera.plan import Plan
     from .scene.source import Source
 
+SCENE_KEYS = ("scene_name", "allow_scripts", "place", "camera")  # options that are arguments of open_scene
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
 
@@ -97,8 +98,9 @@ def _scene_options(command) -> None:
     add = command.add_argument
     text = "set a parameter of the scene folder; @FILE sets those of an aligned.json"
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
-    add("--place", type=Path, metavar="FILE", help="JSON file of objects from other .blend files to add to the scene")
+    add("--place", type=Path, metavar="FILE", help="JSON file of objects from other files to add to the scene")
     add("--scene-name", help="scene of the .blend; by default the active one")
+    add("--camera", metavar="NAME", help="camera of the .blend; by default the active one, and those of markers")
     add("--allow-scripts", action="store_true", help="run the .blend's Python (drivers, registered texts)")
 
 
@@ -117,6 +119,11 @@ def _light_options(command) -> None:
     command.add_argument("scene", type=Path, nargs="?", help=SCENE_HELP)
     command.add_argument("--json", action="store_true", help="machine-readable output")
     add_arguments(command)
+    _scene_options(command)
+
+
+def _cameras_options(command) -> None:
+    command.add_argument("scene", type=Path, help="FILE.blend")
     _scene_options(command)
 
 
@@ -183,7 +190,7 @@ def _how(args: dict) -> dict[str, Any]:
     path = args["scene"] or Path(bpy.data.filepath)
     if path == Path():
         raise UsageError("render requires a scene: FILE.blend or a scene folder")
-    return {"path": path, "parameters": args["set"], **{k: args[k] for k in ("scene_name", "allow_scripts", "place")}}
+    return {"path": path, "parameters": args["set"], **{k: args[k] for k in SCENE_KEYS}}
 
 
 def _survey(args: dict) -> None:
@@ -203,6 +210,18 @@ def _light(args: dict) -> None:
 
     measured = probe(source, plan)
     write_out(json.dumps(measured) + "\n" if args["json"] else light_words(measured))
+
+
+def _cameras(args: dict) -> None:
+    how = _how(args)
+    from .scene.cameras import describe
+    from .scene.open import open_scene
+    from .ui.stored import stored
+
+    if args["scene"].suffix != ".blend":
+        raise UsageError(f"{args['scene']}: cameras requires a .blend")
+    source = open_scene(illuminant=DEFAULTS["illuminant"], **how)
+    write_out(json.dumps(describe(source) | {"panel": stored(source.scene)}) + "\n")
 
 
 COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
@@ -242,6 +261,14 @@ COMMANDS: dict[str, tuple] = {  # action, options, help, description, examples
         "pixels. Options are those of `render`.",
         "pecs_blender light FILE.blend",
         "pecs_blender light FILE.blend --chip davis346 --json",
+    ),
+    "cameras": (
+        _cameras,
+        _cameras_options,
+        "print the cameras of a .blend",
+        "Prints the cameras of a .blend as JSON: optics, and poses over the range of frames, with the panel's settings "
+        "if the file has them. A data set takes its rig from this.",
+        "pecs_blender cameras FILE.blend",
     ),
     "merge": (
         lambda args: merge(args["shards"], args["output"]),

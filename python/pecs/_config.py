@@ -72,12 +72,16 @@ def parse_json(text: str, file: object) -> Any:
 
 
 def read_toml(path: Path, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+    return parse_toml(read_text(path, max_bytes, "TOML"), path)
+
+
+def parse_toml(text: str, path: Path) -> dict[str, Any]:
     if sys.version_info < (3, 11):
         import tomli as tomllib
     else:
         import tomllib
     try:
-        found: dict[str, Any] = tomllib.loads(read_text(path, max_bytes, "TOML"))
+        found: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as e:
         raise PecsInputError(f"{path}: {e}, wanted valid TOML") from None
     except RecursionError:

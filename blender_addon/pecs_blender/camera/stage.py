@@ -83,6 +83,7 @@ class Stage:
             **({"lux": bands.lux} if bands.lux else {}),
             **({"camera_path_sha256": source.path.sha256} if source.path else {}),
             **({"placed": source.placed.record} if source.placed else {}),
+            **({"sky": source.sky.record} if source.sky else {}),
             "emitters": [s.name for s in self.spectral.emitters.spectra],
             "lamps": [[nm, float(f"{power:.6g}")] for nm, power in self.spectral.emitters.mean_pairs() or []],
             "radiance_per_relative_power": self.radiance_per_unit if plan.light else None,

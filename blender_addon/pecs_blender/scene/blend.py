@@ -19,7 +19,10 @@ ORIGINAL = "pecs_original"  # link in the folder of a temporary copy, to the ori
 
 
 class BlendScene(Source):
-    def __init__(self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool):
+    def __init__(
+        self, path: Path, scene_name: str | None, illuminant: Spectrum, allow_scripts: bool, camera: str | None = None
+    ):
+        """camera: renders instead of the scene's own, also after markers."""
         if not path.is_file():
             raise PecsNotFoundError(f"{path}: no such file")
         try:
@@ -36,6 +39,9 @@ class BlendScene(Source):
         link = path.absolute().with_name(ORIGINAL)
         self.folder = link.resolve() if link.is_symlink() else link.parent
         check(path, self.scene, allow_scripts)
+        if camera:
+            self.scene.camera = _camera(path, self.scene, camera)
+            self.scene.timeline_markers.clear()
         if not self.scene.camera:
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
         if self.scene.frame_end < self.scene.frame_start:
@@ -103,6 +109,13 @@ class BlendScene(Source):
         """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over the illuminant's
         table."""
         return self._illuminant.luminous() / self._illuminant.power()
+
+
+def _camera(path: Path, scene: bpy.types.Scene, name: str) -> bpy.types.Object:
+    cameras = {thing.name: thing for thing in scene.objects if thing.type == "CAMERA"}
+    if name not in cameras:
+        raise bad_input(path, "--camera", repr(name), f"one of {_list(sorted(cameras))}" if cameras else "no camera")
+    return cameras[name]
 
 
 def save_copy(folder: Path) -> Path:

@@ -12,7 +12,7 @@ from pecs._errors import bad_input
 from pecs._files import sha256
 
 from ..spectral.bands import points
-from ..spectral.spectra import constant, illuminance_lux
+from ..spectral.spectra import K_CD_LM_PER_W, constant, illuminance_lux
 from . import build, cycles
 from .scene_file import SceneFile
 from .source import Source
@@ -75,6 +75,8 @@ class FolderScene(Source):
         corners = [(x + sx * h, y - gap_m, z + sz * h) for sx, sz in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         plane = build.mesh_object("light meter card", corners, [(0, 1, 2, 3)], [card])
 
+        if self.sky:  # the scene's illuminance is that of its lamps
+            self.sky.shine(0.0)
         # The same seed in each render: cameras of a rig have seeds of their own, and see one light.
         with cycles.picture_size(scene, 8, 8, samples=METER_SAMPLES // 64, seed=0):
             scene.camera = camera
@@ -86,8 +88,13 @@ class FolderScene(Source):
             bpy.data.objects.remove(thing, do_unlink=True)
         norm = spectral.emitters.norm
         lux = illuminance_lux(cycles.interpolated(METER_LAMBDA_NM, irradiance), lambda nm: norm(points(nm)))
+        if not lux and not self.sky:
+            raise bad_input(self._file.folder / "scene.json", "parameters", "no lamp that shines", "light or a sky")
         # Rounded, so that a job continued on another machine computes the same number.
-        return float(f"{self._parts.illuminance_lux / lux:.4g}")
+        scale = float(f"{self._parts.illuminance_lux / lux:.4g}") if lux or not self.sky else 1.0
+        if self.sky:
+            self.sky.shine(K_CD_LM_PER_W * scale)
+        return scale
 
 
 def _code_sha256(folder: Path) -> str:

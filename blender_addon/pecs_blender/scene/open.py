@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pecs._errors import UsageError
 
-from ..spectral.spectra import spectrum
+from ..spectral.spectra import K_CD_LM_PER_W, spectrum
 from .blend import BlendScene, check
 from .folder import FolderScene
 from .placed import Placed
@@ -24,16 +24,22 @@ def open_scene(
     scene_name: str | None = None,
     allow_scripts: bool = False,
     place: Path | None = None,
+    camera: str | None = None,
 ) -> Source:
     """A .blend file or a scene folder. illuminant: spectrum of a .blend's RGB lamps. parameters: "key=value" and
-    "@aligned.json" of a scene folder. place: file of objects to add."""
+    "@aligned.json" of a scene folder. place: file of objects to add. camera: of a .blend, instead of its active one."""
+    if path.suffix != ".blend" and camera:
+        raise UsageError(f"--camera {camera}: only a .blend has named cameras, not a scene folder")
     if path.suffix != ".blend":
         source: Source = FolderScene(load_scene(path, parameters))
     elif parameters:
         raise UsageError(f"--set {parameters[0]}: only scene folders have parameters, not a .blend")
     else:
-        source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts)
+        source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts, camera)
     if place:
         scene = source.scene
         source.placed = Placed(place, scene, source.unit_m, lambda file: check(file, scene, allow_scripts))
+        source.sky = source.placed.sky
+        if isinstance(source, BlendScene) and source.sky:
+            source.sky.shine(K_CD_LM_PER_W * source.radiance_per_unit(None))
     return source

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of other .blend files that `--place FILE` adds to a scene (docs/reference/render.md)."""
+"""Objects of other files that `--place FILE` adds to a scene (docs/reference/render.md)."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from pecs._errors import PecsNotFoundError, bad_input
 from pecs._files import sha256
 
 from . import cycles
+from .content import Walk
+from .importers import READERS, imported
+from .sky import Sky
 
 FILES = ("file", "texture")
 TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
@@ -22,7 +25,7 @@ TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no 
 
 class Placed:
     """The objects of a placement file in the scene; pose() moves them to an instant. record: for stack.json, with the
-    files' names only. check: of each file."""
+    files' names only. check: of each file. sky: instead of the scene's, or None."""
 
     def __init__(self, file: Path, scene: bpy.types.Scene, unit_m: float, check: Callable[[Path], None]):
         content = read_json(file)
@@ -30,10 +33,14 @@ class Placed:
         top = Fields(content, file)
         if top.number("format") != 1:
             raise top.wrong("format", "1")
+        self.sky = Sky(top.table("sky"), scene) if top.has("sky") else None
         for entry in top.tables("objects"):
             self._things.append(_Thing(entry, scene, check))
         top.done()
-        self.record = [_recorded(thing) for thing in content["objects"]]
+        self.record = [
+            _recorded(entry, thing.content_sha256)
+            for entry, thing in zip(content["objects"], self._things, strict=True)
+        ]
         self.pose(0.0)
 
     def pose(self, t_s: float) -> None:
@@ -41,20 +48,23 @@ class Placed:
             thing.pose(t_s, self._unit_m)
 
 
-def _recorded(thing: dict[str, Any]) -> dict[str, Any]:
+def _recorded(thing: dict[str, Any], content: str) -> dict[str, Any]:
     files = {key: Path(thing[key]) for key in FILES if thing[key]}
     names = {key: file.name for key, file in files.items()}
-    return thing | names | {f"{key}_sha256": sha256(file) for key, file in files.items()}
+    return thing | names | {f"{key}_sha256": sha256(file) for key, file in files.items()} | {"content_sha256": content}
 
 
 class _Thing:
-    """The objects of one .blend under an empty at the centre of their box, scaled to a largest extent of 1."""
+    """The objects of one file under an empty at the centre of their box, scaled to a largest extent of 1.
+    content_sha256: of these, with the files that they read, such as textures."""
 
     def __init__(self, entry: Fields, scene: bpy.types.Scene, check: Callable[[Path], None]):
         name, file = entry.text("name"), Path(entry.text("file"))
         if name in bpy.data.objects or name in bpy.data.collections:
             raise entry.wrong("name", "a name that no other object has")
-        self._size_m = entry.number("size_m", low=1e-6, high=1e6)
+        size_m = entry.number("size_m", low=1e-6, high=1e6) if entry.has("size_m") else None
+        unit_m = entry.number("unit_m", low=1e-9, high=1e6) if entry.has("unit_m") else 1.0
+        up = entry.text("up", choices=("y", "z")) if entry.has("up") else None
         self._position_m, self._velocity = (entry.numbers(k, count=3) for k in ("position_m", "velocity_m_s"))
         self._turn, self._spin = (entry.numbers(k, count=3) for k in ("rotation_deg", "spin_deg_s"))
         texture = Path(entry.text("texture")) if entry.has("texture") else None
@@ -63,15 +73,19 @@ class _Thing:
         collection = bpy.data.collections.new(name)
         collection["pecs_class"], collection["pecs_object"] = kind, name  # its parts are one object
         scene.collection.children.link(collection)
-        objects = _loaded(file, collection)
+        objects = _loaded(file, collection, up)
         if texture:
             _dress(objects, texture, file)
         check(file)  # before anything is evaluated
+        walk = Walk(scene)
+        walk.value(objects)
+        self.content_sha256 = walk.to_the_end()
         bpy.context.view_layer.update()
         self._empty = bpy.data.objects.new(name, None)
         collection.objects.link(self._empty)
         low, high = _box(objects, file)
         extent = max(high - low)
+        self._size_m = size_m or extent * unit_m
         centred = Matrix.Scale(1 / extent, 4) @ Matrix.Translation(-(low + high) / 2)
         for thing in objects:
             if thing.parent not in objects:
@@ -87,19 +101,29 @@ class _Thing:
         self._empty.matrix_world = Matrix.Translation(place) @ spun @ turned @ scaled
 
 
-def _loaded(file: Path, collection: bpy.types.Collection) -> list[bpy.types.Object]:
+def _loaded(file: Path, collection: bpy.types.Collection, up: str | None) -> list[bpy.types.Object]:
     if not file.is_file():
         raise PecsNotFoundError(f"{file}: no such file")
+    if (kind := file.suffix.lower()) not in (".blend", *READERS):
+        raise bad_input(file, "", f"a file of type {kind!r}", f"one of .blend, {', '.join(READERS)}")
+    found = imported(file, up) if kind in READERS else _appended(file)
+    objects = [thing for thing in found if thing.type in TYPES]
+    for thing in found:
+        if thing not in objects:  # lamps and cameras
+            bpy.data.objects.remove(thing)
+    for thing in objects:
+        thing.animation_data_clear()
+        collection.objects.link(thing)
+    return objects
+
+
+def _appended(file: Path) -> list[bpy.types.Object]:
     try:
         with cycles.quiet(2), bpy.data.libraries.load(str(file)) as (there, here):
             here.objects = list(there.objects)
     except OSError as e:
         raise bad_input(file, "", str(e).strip().splitlines()[-1], "a .blend file") from None
-    objects = [thing for thing in here.objects if thing is not None and thing.type in TYPES]
-    for thing in objects:
-        thing.animation_data_clear()
-        collection.objects.link(thing)
-    return objects
+    return [thing for thing in here.objects if thing is not None]
 
 
 def _box(objects: list[bpy.types.Object], file: Path) -> tuple[Vector, Vector]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from .camera_path import CameraPath
 from .placed import Placed
+from .sky import Sky
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from x right, y down, z forward to Blender's camera axes, and back
 
@@ -37,6 +38,7 @@ class Source(ABC):
     path: CameraPath | None = None
     own_camera: bpy.types.Object | None = None
     placed: Placed | None = None
+    sky: Sky | None = None  # of a picture
     fnumber: float | None = None
     lamps: tuple[bpy.types.Light, ...] = ()
     notes: tuple[str, ...] = ()

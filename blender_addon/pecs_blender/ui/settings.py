@@ -430,7 +430,8 @@ def plain(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _words(scene: bpy.types.Scene, name: str) -> list[str]:
+def words(scene: bpy.types.Scene, name: str) -> list[str]:
+    """Arguments of one option of SHOWN; none if it is not set."""
     s = scene.pecs
     value = focus_m(scene) if name == "focus_m" else getattr(s, name)
     if name == "threads":
@@ -453,11 +454,11 @@ def render_arguments(scene: bpy.types.Scene) -> list[str]:
     """Arguments of `pecs render`, without output and image size."""
     s = scene.pecs
     lens = library.find("lens", s.lens) if has_lens(s) else library.SCENES_CAMERA
-    words = ["--scene-name", scene.name, "--lens", lens]
+    found = ["--scene-name", scene.name, "--lens", lens]
     for name in SHOWN:
-        words += _words(scene, name)
-    words += ["--layers", ",".join(sorted(s.layers))] if s.layers else []
-    return words + (["--allow-scripts"] if s.allow_scripts else [])
+        found += words(scene, name)
+    found += ["--layers", ",".join(sorted(s.layers))] if s.layers else []
+    return found + (["--allow-scripts"] if s.allow_scripts else [])
 
 
 def exists_words(scene: bpy.types.Scene) -> list[str]:

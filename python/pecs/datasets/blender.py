@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
-from .._errors import PecsError
+from .._errors import ExitCode, PecsError
 from .._platform import die_with_parent, end_of, has_crashed
 from .._progress import status_of
 
@@ -70,6 +70,18 @@ def _python() -> tuple[str, dict[str, str]]:
     if "PECS_LIBRARY" in environment:
         environment["PECS_LIBRARY"] = str(Path(environment["PECS_LIBRARY"]).absolute())
     return python, environment | {"PECS_PROGRESS": "json"}
+
+
+def printed(*words: Any) -> str:
+    """The last line that a short command prints. Raises PecsError with the renderer's line and exit code."""
+    python, environment = _python()
+    command = [python, "-m", "pecs_blender", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", env=environment)
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or [f"the renderer was ended by {end_of(done.returncode)}"])[-1]
+        code = done.returncode if 0 < done.returncode < 8 else ExitCode.INTERNAL
+        raise PecsError(said.removeprefix("pecs_blender: "), code)
+    return done.stdout.strip().splitlines()[-1]
 
 
 def fault_of(jobs: list[list[str]]) -> str:

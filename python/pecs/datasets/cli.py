@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 
 from .._arguments import THREADS, Parser, Whole
 from .._command import answer
-from .._errors import UsageError, bad_input
-from .._files import existing_folder
+from .._errors import PecsOutputError, UsageError, bad_input
+from .._files import existing_folder, write_text
 from .._progress import Line
-from . import manifest, recipe, recipe_check, report, run, writers
+from . import manifest, recipe, recipe_check, report, run, scene_cameras, writers
 from .card import write_cards
 from .files import read_numbers
 from .plan import Plan, SequencePlan
 from .sequence import sequences
 from .work import RUNS, Busy
 
+RECIPE = "recipe.toml"  # of a .blend, in its set
 SHOWN_ROWS = 20  # of --plan
 MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
@@ -36,6 +37,7 @@ EXAMPLES = (
     "pecs dataset room.toml -o out/room               # all of it",
     "pecs dataset room.toml -o out/room --only 3      # sequence 3 alone (a farm's task)",
     "pecs dataset room.toml -o out/room --check       # compares all files with their checksums",
+    "pecs dataset my.blend -o out/my                  # the cameras of a .blend, by a recipe that is printed",
     "pecs dataset out/room --export dsec -o out/dsec  # an existing set in another layout",
 )
 
@@ -43,7 +45,11 @@ EXAMPLES = (
 def _parser() -> Parser:
     parser = Parser(prog="pecs dataset", description=ABOUT, examples=EXAMPLES)
     add = parser.add_argument
-    add("recipe", type=Path, help="RECIPE.toml; with --export also the folder of a set")
+    add(
+        "recipe",
+        type=Path,
+        help="RECIPE.toml, or FILE.blend (a set of its own cameras); with --export the folder of a set",
+    )
     add("-o", "--output", type=Path, required=True, help="folder of the set, or of what --export writes")
     about = "how many, instead of the recipe's; the first ones stay the same"
     add("--sequences", type=Whole(1, recipe.MOST_SEQUENCES), help=about)
@@ -71,7 +77,11 @@ def _run(args: argparse.Namespace) -> None:
     if args.export:
         _export(args.recipe, args.export, args.output, line)
         return
-    found = dataclasses.replace(recipe.load(args.recipe), allow_scripts=args.allow_scripts)
+    text = None
+    if args.recipe.suffix == ".blend":
+        text = scene_cameras.recipe_of(args.recipe, args.output, args.allow_scripts)
+        args.recipe = args.output / RECIPE
+    found = dataclasses.replace(recipe.load(args.recipe, text), allow_scripts=args.allow_scripts)
     if args.sequences is not None:
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
@@ -79,6 +89,8 @@ def _run(args: argparse.Namespace) -> None:
         _check(wanted, args.output)
         return
     recipe_check.check(plan := Plan(found))
+    if text:
+        _keep(args.recipe, text, write=not args.plan)
     if args.plan:
         _plan(plan, wanted, args.output)
         return
@@ -87,6 +99,16 @@ def _run(args: argparse.Namespace) -> None:
     _make(plan, wanted, args.output, args.threads, line)
     if not args.only:
         _finish(found, args.output, line)
+
+
+def _keep(path: Path, text: str, write: bool) -> None:
+    """Prints the recipe of a .blend, and writes it into the set."""
+    if path.exists() and path.read_text() != text:
+        message = f"{path}: the recipe of another .blend, or of this one before an edit; choose another folder, or run"
+        raise PecsOutputError(f"{message} pecs dataset {path} -o {path.parent}")
+    print(text)
+    if write:
+        write_text(path, text)
 
 
 def _wanted(only: str | None, count: int) -> list[int]:

@@ -7,21 +7,31 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
+from .._config import read_json
 from .table import Table, Value, key, optional
 
+MOST_BYTES = 1 << 28  # of a .gltf
 Rng = Callable[[str], np.random.Generator]
+
+
+MODELS = (".blend", ".obj", ".ply", ".glb", ".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz")  # read by the renderer
+OWN_AXES = (".obj", ".ply")  # that do not say which axis points up
 
 
 def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
     """Files of a pattern, sorted, so that the same set of files gives the same draws."""
     pattern, beside = table.text(key), Path(str(table.file)).parent
-    there = () if pattern.startswith(("/", "..")) else beside.glob(pattern)
-    found = sorted(str(p.relative_to(beside)) for p in there if p.suffix in kinds)
+    whole = f"{pattern}/**/*" if (beside / pattern).is_dir() else pattern
+    there = () if pattern.startswith(("/", "..")) else beside.glob(whole)
+    found = sorted(str(p.relative_to(beside)) for p in there if p.suffix.lower() in kinds)
     if not found:
-        raise table.fail(key, f"{pattern}: no file", f"a pattern of {', '.join(kinds)} files beside the recipe")
+        raise table.fail(
+            key, f"{pattern}: no file", f"a folder or a pattern of {', '.join(kinds)} files beside the recipe"
+        )
     return tuple(found)
 
 
@@ -29,21 +39,45 @@ def _textures(table: Table, key: str) -> tuple[str, ...]:
     return _files(table, key, ".png", ".jpg", ".jpeg", ".exr") if table.has(key) else ()
 
 
+def _has_own_size(table: Table) -> bool:
+    return not table.has("size_m")
+
+
+def _has_no_class(table: Table) -> bool:
+    return not table.has("class")
+
+
+def _up(table: Table, key: str) -> str | None:
+    if not table.has(key):
+        return None
+    others = [name for name in _files(table, "files", *MODELS) if Path(name).suffix.lower() not in OWN_AXES]
+    if others:
+        raise table.fail(key, f"an axis for {others[0]}", f"files of {', '.join(OWN_AXES)} alone; other files have it")
+    return table.text(key, choices=("y", "z"))
+
+
+def _class(path: Path, by: str) -> str:
+    return path.stem if by == "file" else path.parent.name or path.stem
+
+
 @dataclass(frozen=True)
 class Pool:
-    """files: .blend files, each an object or several; textures: pictures for their base colour; relative to the
+    """files: models, each an object or several; textures: pictures for their base colour; relative to the
     recipe."""
 
-    files: tuple[str, ...] = key(_files, ".blend")
+    files: tuple[str, ...] = key(_files, *MODELS)
     textures: tuple[str, ...] = key(_textures)
     count: Value = key(Table.value, 1, 0, 10000)
     low_m: list[float] = key(Table.numbers, count=3)
     high_m: list[float] = key(Table.numbers, count=3)
-    size_m: Value = key(Table.value, low=1e-4, high=1e4)
+    size_m: Value | None = optional(Table.value, low=1e-4, high=1e4)
+    unit_m: float = key(Table.number, 1.0, 1e-6, 1e6, only=_has_own_size, absent=1.0)
+    up: str | None = key(_up)
     speed_m_s: Value = key(Table.value, 0.0, 0, 1e4)
     spin_deg_s: Value = key(Table.value, 0.0, -1e6, 1e6)
     turn: str = key(Table.text, "z", ("z", "any"))
     name: str | None = optional(Table.text, name="class")
+    class_by: str = key(Table.text, "file", ("file", "folder"), only=_has_no_class, absent="file")
 
     def draw(self, place: str, rng: Rng) -> list[dict[str, Any]]:
         """Objects in the format of `--place`, without names and with paths relative to the recipe."""
@@ -58,8 +92,12 @@ class Pool:
                 {
                     "file": file,
                     "texture": self.textures[int(of.integers(len(self.textures)))] if self.textures else None,
-                    "class": self.name or Path(file).stem,
-                    "size_m": float(self.size_m.draw(of)),
+                    "class": self.name or _class(Path(file), self.class_by),
+                    "size_m": float(self.size_m.draw(of)) if self.size_m else None,
+                    **({} if self.size_m else {"unit_m": self.unit_m}),
+                    **({"up": self.up} if self.up else {}),
+                    "low_m": self.low_m,
+                    "high_m": self.high_m,
                     "position_m": of.uniform(self.low_m, self.high_m).tolist(),
                     "rotation_deg": turns.tolist(),
                     "velocity_m_s": (_unit(heading) * self.speed_m_s.draw(of)).tolist(),
@@ -67,6 +105,19 @@ class Pool:
                 }
             )
         return found
+
+
+@dataclass(frozen=True)
+class Sky:
+    """files: pictures of all directions (HDRI), relative to the recipe. lux: on a horizontal surface."""
+
+    files: tuple[str, ...] = key(_files, ".hdr", ".exr")
+    lux: Value = key(Table.value, low=1e-6, high=1e7)
+    turn_deg: Value = key(Table.value, 0.0, -360, 360)
+
+    def draw(self, of: np.random.Generator) -> dict[str, Any]:
+        file = self.files[int(of.integers(len(self.files)))]
+        return {"file": file, "lux": float(self.lux.draw(of)), "turn_deg": float(self.turn_deg.draw(of))}
 
 
 def _unit(vector: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -82,10 +133,35 @@ def pools(scene: Table, key: str) -> tuple[Pool, ...]:
     return tuple(pool for _, pool in found)
 
 
+def read_with(model: Path) -> list[Path]:
+    """Files that a model names: materials and textures of an .obj, buffers and textures of a .gltf."""
+    if model.suffix.lower() == ".obj":
+        found = [model.parent / name for name in _named(model, "mtllib")]
+        found += [file.parent / name for file in found for name in _named(file, "map_", "bump", "disp", "norm", "refl")]
+    elif model.suffix.lower() == ".gltf":
+        content = read_json(model, MOST_BYTES)
+        uris = [
+            one.get("uri") for key in ("buffers", "images") for one in content.get(key, []) if isinstance(one, dict)
+        ]
+        found = [model.parent / unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
+    else:
+        found = []
+    return [path for path in found if path.is_file()]
+
+
+def _named(file: Path, *words: str) -> list[str]:
+    """Last words of the lines of a text that begin with one of these."""
+    if not file.is_file():
+        return []
+    lines = (line.split() for line in file.read_text(errors="replace").splitlines())
+    return [line[-1] for line in lines if len(line) > 1 and line[0].lower().startswith(words)]
+
+
 def placed(things: list[dict[str, Any]], beside: Path) -> list[dict[str, Any]]:
     """Objects in the format of `--place`, for a recipe in the folder `beside`."""
-    found = []
+    found: list[dict[str, Any]] = []
     for number, thing in enumerate(things):
         files = {key: str((beside / thing[key]).resolve()) if thing[key] else None for key in ("file", "texture")}
-        found.append(thing | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
+        own = {key: value for key, value in thing.items() if key not in ("low_m", "high_m")}
+        found.append(own | files | {"name": f"{Path(thing['file']).stem}_{number:03d}"})
     return found

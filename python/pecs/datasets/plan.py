@@ -21,13 +21,15 @@ import numpy as np
 from .._config import is_number
 from .._errors import ExitCode, PecsError, PecsInputError
 from ..chip import Chip
-from . import rgb, rig
+from . import placing, rgb, rig
 from .imu import Imu
 from .recipe import SPLITS, CameraEntry, Recipe, SceneEntry
 from .table import Value
 
 GOLDEN = 0.6180339887498949  # steps of this share keep any number of draws even (Weyl's sequence)
 PATH_HZ = 1000.0  # of camera paths, at least; the renderer goes straight between
+PLACE = "place.json"  # objects and sky of a sequence that is being made
+OF_SCENE = "scene"  # kind of trajectory
 OF_LIGHT = ("time", "fps", "step_px", "subpixels", "noise_events")
 Draw = Callable[[str, Value], Any]
 
@@ -121,7 +123,8 @@ class CameraPlan:
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """A sequence. place: objects from pools; kind, trajectory: the drawn parameters of the rig's motion."""
+    """A sequence. place: objects from pools; sky: its picture; kind, trajectory: the drawn parameters of the rig's
+    motion."""
 
     recipe: Recipe
     index: int
@@ -131,6 +134,7 @@ class SequencePlan:
     duration_s: float
     parameters: dict[str, Any]
     place: list[dict[str, Any]]
+    sky: dict[str, Any] | None
     light_scale: float
     trajectory: dict[str, Any]
     cameras: tuple[CameraPlan, ...]
@@ -169,9 +173,14 @@ class SequencePlan:
         return given.pop("kind"), given
 
     @property
+    def follows_scene(self) -> bool:
+        """Whether the rig has the motion of the .blend's camera (scene_cameras.py)."""
+        return self.trajectory["kind"] == OF_SCENE
+
+    @property
     def scene_words(self) -> list[Any]:
         """Arguments of the renderer: the scene and its drawn parameters."""
-        place = ["--place", "place.json"] if self.place else []
+        place = ["--place", PLACE] if self.place or self.sky else []
         return [self.scene.path, *(f"--set={key}={value}" for key, value in self.parameters.items()), *place]
 
     def light(self, camera: CameraPlan) -> dict[str, Any]:
@@ -183,6 +192,7 @@ class SequencePlan:
             "lens": owner.entry.lens,
             "fnumber": owner.fnumber,
             "focus_m": owner.focus_m,
+            "camera": owner.entry.camera,
             "chip": camera.film,
             "width": camera.pixels.width,
             "height": camera.pixels.height,
@@ -236,17 +246,21 @@ class SequencePlan:
         """As sequence.json records it."""
         keys = ("split", "duration_s", "parameters", "place", "light_scale", "trajectory")
         found = {"scene": self.scene.name} | {key: getattr(self, key) for key in keys}
+        found |= {"sky": self.sky} if self.sky else {}
         return found | {"cameras": {camera.name: camera.drawn for camera in self.cameras}}
 
     @property
     def files(self) -> dict[str, Path]:
         """Input files and folders, by the names in the recipe."""
         names = [name for thing in self.place for name in (thing["file"], thing["texture"]) if name]
+        names += [self.sky["file"]] if self.sky else []
         names += [str(self.trajectory["file"])] if "file" in self.trajectory else []
         names += map(str, self.parameters.values())
         names += [name for c in self.recipe.cameras for name in (c.chip, c.lens, c.stages.get("mask")) if name]
         found = {name: _named(self.recipe, name) for name in names} | {f"scene {self.scene.name}": self.scene.path}
-        return {name: path for name, path in found.items() if isinstance(path, Path)}
+        files = {name: path for name, path in found.items() if isinstance(path, Path)}
+        models = {thing["file"] for thing in self.place} & files.keys()
+        return files | {f"{name} {path.name}": path for name in models for path in placing.read_with(files[name])}
 
     def rng(self, name: str) -> np.random.Generator:
         return generator(self.recipe.seed, self.index, name)
@@ -298,6 +312,7 @@ class Plan:
             duration_s=duration_s,
             parameters={k: draw(f"{of}.{k}", value) for k, value in scene.parameters.items()},
             place=[thing for i, pool in enumerate(scene.pools) for thing in pool.draw(f"{of}.place[{i}]", rng)],
+            sky=scene.sky.draw(rng(f"{of}.sky")) if scene.sky else None,
             light_scale=light_scale,
             trajectory={
                 k: draw(f"trajectory.{k}", value) if isinstance(value, Value) else value

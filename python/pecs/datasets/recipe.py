@@ -12,11 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._config import read_toml
+from .._config import MAX_BYTES, parse_toml
+from .._files import read_text
 from .._options import STAGE_KEYS
 from .._text import MOST_BYTES, is_file_name
 from ..chip import presets
 from . import placing
+from .blender import scene_folders
 from .checks import LIMITS
 from .table import Table, Value, key, optional
 from .writers import WRITERS
@@ -30,6 +32,7 @@ RENDER = {"time": "adaptive", "fps": 1000.0}  # by default
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones
 TRAJECTORY_LISTS = ("step_m", "speed")  # pairs that are no range
 MOST_SEQUENCES = 1_000_000
+OWN_LENS = "none"  # a camera of the .blend
 ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -101,6 +104,15 @@ def _owns_film(table: Table) -> bool:
     return _is_rgb(table) and _owns_pixels(table)
 
 
+def _has_own_lens(table: Table) -> bool:
+    """That of a .blend's camera."""
+    return _owns_pixels(table) and table.text("lens") == OWN_LENS
+
+
+def _has_traced_lens(table: Table) -> bool:
+    return _owns_pixels(table) and not _has_own_lens(table)
+
+
 def _has_light(table: Table) -> bool:
     return _is_rgb(table) or _owns_pixels(table)
 
@@ -139,7 +151,7 @@ def _model(table: Table, key: str) -> str:
 @dataclass(frozen=True)
 class CameraEntry:
     """A camera of the rig. pixels_of: the camera whose place, lens and pixels it shares (a beam splitter). options: of
-    its render."""
+    its render. camera: of the .blend, whose optics a rig camera with the lens "none" has; by default the active one."""
 
     name: str = key(Table.text)
     kind: str = key(Table.text, choices=("events", "rgb"))
@@ -150,8 +162,9 @@ class CameraEntry:
     chip: str | None = key(Table.text, only=_is_events)
     pixel_pitch_um: float | None = key(Table.number, low=0.5, high=100, only=_owns_film)
     lens: str = key(Table.text, only=_owns_pixels, absent="")
+    camera: str | None = optional(Table.text, only=_has_own_lens)
     fnumber: Value | None = optional(Table.value, low=0.5, high=1000, only=_owns_pixels)
-    focus_m: Value | None = optional(Table.value, low=1e-3, high=1e9, only=_owns_pixels)
+    focus_m: Value | None = optional(Table.value, low=1e-3, high=1e9, only=_has_traced_lens)
     overrides: dict[str, Value] = key(Table.all, Table.value, name="set", only=_is_events, absent={})
     biases: dict[str, Value] = key(Table.all, Table.value, name="bias", only=_is_events, absent={})
     stages: dict[str, Any] = key(Table.all, _stage, only=_is_events, absent={})
@@ -206,8 +219,11 @@ def _unique(top: Table, place: str, names: list[str]) -> None:
 
 
 def _path(table: Table, key: str) -> Path:
+    """A file or a folder beside the recipe, or the name of a scene of PECS."""
     path = Path(str(table.file)).parent / table.text(key)
-    if not path.exists():
+    if is_file_name(name := table.text(key)) and not path.exists():
+        path = next((folder / name for folder in scene_folders() if (folder / name).is_dir()), path)
+    if not path.exists() and not path.resolve().exists():  # the recipe's folder may be made later
         raise table.fail(key, str(path), "a .blend file or a scene folder that is there")
     return path
 
@@ -222,6 +238,7 @@ class SceneEntry:
     options: dict[str, Any] = key(Table.all, _option)
     light_scale: Value = key(Table.value, 1.0, 1e-9, 1e9)
     pools: tuple[placing.Pool, ...] = key(placing.pools, name="place")
+    sky: placing.Sky | None = optional(Table.part, placing.Sky)
     trajectory: dict[str, Any] = key(Table.all, _motion)
 
 
@@ -272,13 +289,15 @@ class Recipe:
         return {"allow_scripts": True} if self.allow_scripts else {}
 
 
-def load(path: Path) -> Recipe:
-    top = Table(read_toml(path), path)
+def load(path: Path, text: str | None = None) -> Recipe:
+    """text: of the recipe, if the file may not exist yet."""
+    text = read_text(path, MAX_BYTES, "TOML") if text is None else text
+    top = Table(parse_toml(text, path), path)
     rig = top.table("rig")
     cameras, imu = _cameras(rig), rig.part("imu", ImuEntry) if rig.has("imu") else None
     rig.done()
     common = top.all("trajectory", _motion)
     scenes = tuple(_scene(table, common) for table in top.tables("scene", least=1))
     _unique(top, "scene", [scene.name for scene in scenes])
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256(text.encode()).hexdigest()
     return top.into(Recipe, path=path, sha256=digest, scenes=scenes, cameras=cameras, imu=imu)

@@ -9,9 +9,9 @@ from .. import sensor
 from .._arguments import words
 from .._errors import ExitCode, PecsError, bad_input
 from ..lens import Lens
-from . import blender, parameters, rig, trajectories
-from .plan import CameraPlan, Plan, SequencePlan, at
-from .recipe import Recipe
+from . import blender, parameters, rig, scene_cameras, trajectories
+from .plan import OF_SCENE, CameraPlan, Plan, SequencePlan, at
+from .recipe import OWN_LENS, Recipe
 
 WITH_PICTURES = ("evreal", "event_cnn", "radiance")  # exports that require an RGB camera on the pixels of events
 WITHOUT_EVENTS = ("coco",)
@@ -32,17 +32,23 @@ def check(plan: Plan) -> None:
                 _camera(recipe, camera, tried)
         with at(recipe, f"scene {sequence.scene.name}.trajectory"):
             kind, given = sequence.path
-            if kind not in trajectories.KINDS:
-                place, kinds = f"scene {sequence.scene.name}.trajectory.kind", ", ".join(trajectories.KINDS)
-                raise bad_input(recipe.path, place, kind, kinds)
-            parameters.read(kind, given)
+            if kind not in (kinds := (*trajectories.KINDS, OF_SCENE)):
+                raise bad_input(recipe.path, f"scene {sequence.scene.name}.trajectory.kind", kind, ", ".join(kinds))
+            if kind != OF_SCENE:
+                parameters.read(kind, given)
+        for camera in sequence.cameras:
+            with at(recipe, f"rig.camera {camera.name}.lens"):
+                scene_cameras.K(sequence, camera)
         jobs += [job for job in _renders(sequence) if job not in jobs]
     for scene in recipe.scenes:  # as if it were empty
         with at(recipe, f"scene {scene.name}.trajectory"):
             first = (i for i in range(min(recipe.sequences, FIRST)) if plan.scene(i) is scene)
             if (index := next(first, None)) is not None:
                 sequence = plan.sequence(index)
-                trajectories.plan(*sequence.path, None, sequence.rng("trajectory"))
+                if sequence.follows_scene:
+                    scene_cameras.trajectory(sequence)
+                else:
+                    trajectories.plan(*sequence.path, None, sequence.rng("trajectory"))
     if fault := blender.fault_of(jobs):
         raise PecsError(f"{recipe.path}: {fault}", ExitCode.BAD_INPUT)
 
@@ -86,7 +92,7 @@ def _camera(recipe: Recipe, camera: CameraPlan, tried: set[str]) -> None:
 
 def see_corners(recipe: Recipe, camera: CameraPlan) -> None:
     """Raises PecsInputError for a lens that does not cover the film of its camera."""
-    if not camera.owns_pixels:
+    if not camera.owns_pixels or camera.entry.lens == OWN_LENS:
         return
     width, height, pitch_um = camera.pixels.width, camera.pixels.height, camera.pixels.pitch_um
     corners = np.array([[x, y] for y in (0.5, height - 0.5) for x in (0.5, width - 0.5)])

@@ -35,7 +35,7 @@ class Optics:
     """Directions [H, W, 3] of the pixels' chief rays (unit, camera axes; NaN where none comes through)."""
 
     directions: NDArray[np.float64]
-    lens: Lens  # it keeps the image map
+    lens: Lens | PinholeLens  # it keeps the image map
     setting: dict[str, Any]
 
     def pixels(self, directions: Array) -> Array:
@@ -43,13 +43,36 @@ class Optics:
         return self.lens.pixels(directions, **self.setting)
 
 
+class PinholeLens:
+    """`pecs.Lens.directions` and `pixels` of a pinhole with this K."""
+
+    def __init__(self, K: Array):
+        self._pixel_from_camera = K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+
+    def directions(self, pixels: Array, **_setting: Any) -> Array:
+        points = np.concatenate([pixels, np.ones_like(pixels[..., :1])], -1) @ np.linalg.inv(self._pixel_from_camera).T
+        directions: Array = points / np.linalg.norm(points, axis=-1, keepdims=True)
+        return directions
+
+    def pixels(self, directions: Array, **_setting: Any) -> Array:
+        with np.errstate(all="ignore"):
+            points = directions @ self._pixel_from_camera.T
+            return np.where(points[..., 2:] > 0, points[..., :2] / points[..., 2:], np.nan)
+
+
 def stack_json(stack: Path) -> dict[str, Any]:
     return read_object(stack / "stack.json", "a stack")
 
 
-def optics(stack: dict[str, Any], lens_path: str) -> Optics:
-    """Optics of a stack's stack.json, with the lens as the recipe names it."""
+def optics(stack: dict[str, Any], lens_path: str, K: Array | None = None) -> Optics:
+    """Optics of a stack's stack.json, with the lens as the recipe names it. K: of a pinhole, if the stack has no
+    lens."""
+    x, y = np.meshgrid(np.arange(stack["width"]) + 0.5, np.arange(stack["height"]) + 0.5)
+    pixels = np.stack([x, y], -1)
     lens, nm = stack["lens"], [band["lambda_nm"] for band in stack["bands"]]
+    if lens is None and K is not None:
+        pinhole_lens = PinholeLens(K)
+        return Optics(pinhole_lens.directions(pixels), pinhole_lens, {})
     setting = {
         "width": stack["width"],
         "height": stack["height"],
@@ -59,9 +82,8 @@ def optics(stack: dict[str, Any], lens_path: str) -> Optics:
         "focus_m": lens["focus_m"],
         "stop_diameter_mm": lens["stop_diameter_mm"],
     }
-    x, y = np.meshgrid(np.arange(stack["width"]) + 0.5, np.arange(stack["height"]) + 0.5)
     prescription = Lens(lens_path)
-    return Optics(prescription.directions(np.stack([x, y], -1), **setting), prescription, setting)
+    return Optics(prescription.directions(pixels, **setting), prescription, setting)
 
 
 @dataclass(frozen=True)

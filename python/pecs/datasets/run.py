@@ -17,13 +17,13 @@ from .._arguments import words
 from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
+from . import fitting, parameters, pictures, placing, recipe_check, report, rgb, rig, scene_cameras, trajectories
 from . import imu as imus
-from . import pictures, placing, recipe_check, report, rgb, rig, trajectories
 from .blender import blender
-from .files import MAX_BYTES, npy_bytes
+from .files import MAX_BYTES, npy_bytes, read_object
 from .manifest import seal
 from .paths import GRAVITY_M_S2
-from .plan import PATH_HZ, CameraPlan, SequencePlan
+from .plan import PATH_HZ, PLACE, CameraPlan, SequencePlan, at
 from .sequence import Sequence
 from .work import Work, portable, sequence_work
 
@@ -63,9 +63,16 @@ def _inputs(work: Work) -> None:
         if film := camera.entry.film:
             size = pixels.width, pixels.height, pixels.pitch_um
             rgb.write_chip(work.folder / camera.film, None, *size, film.peak_qe)
-    if plan.place:
-        objects = placing.placed(plan.place, plan.recipe.path.parent)
-        write_json(work.folder / "place.json", {"format": 1, "objects": objects})
+    if (plan.place or plan.sky) and not (work.folder / "poses.txt").exists():
+        _write_place(work, [thing["position_m"] for thing in plan.place])
+
+
+def _write_place(work: Work, positions_m: list[list[float]]) -> None:
+    """The objects and the sky, for the renderer."""
+    plan, beside = work.plan, work.plan.recipe.path.parent
+    sky = {"sky": plan.sky | {"file": str((beside / plan.sky["file"]).resolve())}} if plan.sky else {}
+    things = [thing | {"position_m": put} for thing, put in zip(plan.place, positions_m, strict=True)]
+    write_json(work.folder / PLACE, {"format": 1, "objects": placing.placed(things, beside)} | sky)
 
 
 # Motion
@@ -76,16 +83,7 @@ def _move(work: Work) -> None:
     if (work.folder / "poses.txt").exists():
         return
     work.say("path")
-    plan, survey = work.plan, work.folder / "survey.npz"
-    if not survey.exists():
-        blender(
-            *("survey", *plan.scene_words, "-o", survey.name),
-            *words(plan.recipe.permission),
-            *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / plan.duration_s),
-            folder=work.folder,
-            log="survey.log",
-        )
-    path = trajectories.plan(*plan.path, _surfaces(survey), plan.rng("trajectory"))
+    plan, path = work.plan, _path(work)
     t_s = np.arange(math.ceil(plan.end_s * plan.path_hz) + 3) / plan.path_hz
     for camera in plan.cameras:
         if camera.owns_pixels:
@@ -98,11 +96,52 @@ def _move(work: Work) -> None:
     poses.write_tum(work.folder / "poses.txt", t_s, *path.pose(t_s))
 
 
-def _surfaces(survey: Path) -> trajectories.Surfaces:
-    """Surfaces that `pecs_blender survey` has sampled."""
+def _path(work: Work) -> trajectories.Trajectory:
+    """Through the scene, away from its surfaces, or that of the scene's own camera; then objects get their places."""
+    plan, survey = work.plan, work.folder / "survey.npz"
+    if plan.follows_scene and not plan.place:
+        return scene_cameras.trajectory(plan)
+    if not survey.exists():
+        blender(
+            *("survey", *plan.scene_words, "-o", survey.name),
+            *words(plan.recipe.permission),
+            *("--frames", SURVEY_INSTANTS, "--fps", (SURVEY_INSTANTS - 1) / plan.duration_s),
+            folder=work.folder,
+            log="survey.log",
+        )
+    surfaces, objects = _surfaces(survey, [f"{Path(one['file']).stem}_{i:03d}" for i, one in enumerate(plan.place)])
+    kind, given = plan.path
+    if plan.follows_scene:
+        path = scene_cameras.trajectory(plan)
+    else:
+        path = trajectories.plan(kind, given, surfaces, plan.rng("trajectory"))
+    if plan.place:
+        defaults = parameters.PARAMETERS["still"]
+        limits = {key: float(given.get(key, defaults[key].default)) for key in ("clearance_m", "view_deg")}
+        with at(plan.recipe, f"scene {plan.scene.name}.place"):
+            found = fitting.fit(
+                plan.place, objects, surfaces, path, plan.rng("place"), duration_s=plan.duration_s, **limits
+            )
+        _write_place(work, found)
+    return path
+
+
+def _surfaces(survey: Path, placed: list[str]) -> tuple[trajectories.Surfaces, list[rig.Array]]:
+    """Surfaces that `pecs_blender survey` has sampled, without placed objects; and of each of these, points at the
+    first instant."""
     with np.load(survey, allow_pickle=False) as found:
-        points = np.split(found["points"], found["first"][1:-1])
-        return trajectories.Surfaces(found["times_s"], points, found["static_points"], float(found["spacing_m"]))
+        first, ids = found["first"], dict(zip(found["names"].tolist(), found["ids"].tolist(), strict=True))
+        numbers = [ids.get(name, -1) for name in placed]
+        moving, still = found["points"], found["static_points"]
+        movers, standing = found["objects"], found["static_objects"]
+        objects = [
+            np.concatenate([moving[: first[1]][movers[: first[1]] == number], still[standing == number]])
+            for number in numbers
+        ]
+        parts = zip(np.split(moving, first[1:-1]), np.split(movers, first[1:-1]), strict=True)
+        points = [part[~np.isin(whose, numbers)] for part, whose in parts]
+        own = still[~np.isin(standing, numbers)]
+        return trajectories.Surfaces(found["times_s"], points, own, float(found["spacing_m"])), objects
 
 
 def _write_imu(work: Work, path: trajectories.Trajectory, imu: imus.Imu) -> None:
@@ -135,7 +174,7 @@ def _render(work: Work, camera: CameraPlan, threads: int) -> None:
     light = plan.light(camera) | {"frames": ",".join(f"{begin}:{end}" for begin, end in plan.ranges(camera))}
     if not camera.owns_pixels:  # its film stands where that of the owner stands
         owner = rig.stack_json(work.folder / camera.pixels.owner.name / "stack")
-        light["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"]))
+        light["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"])) if owner["lens"] else None
     render("light", work.folder / camera.stack, light)
 
 
@@ -152,14 +191,22 @@ class _View(NamedTuple):
 
 
 def _view(work: Work, camera: CameraPlan) -> _View:
-    optics = rig.optics(stack := rig.stack_json(work.folder / camera.stack), camera.entry.lens)
+    stack, K = rig.stack_json(work.folder / camera.stack), scene_cameras.K(work.plan, camera)
+    optics = rig.optics(stack, camera.entry.lens, K)
     recipe_check.covered(work.plan.recipe, camera, optics.directions)
-    return _View(stack, optics, rig.pinhole(optics.directions), camera.rig_from_camera)
+    pinhole = rig.pinhole(optics.directions) if K is None else rig.Pinhole(K, np.zeros(5), 0.0)
+    return _View(stack, optics, pinhole, camera.rig_from_camera)
 
 
 def _describe(work: Work) -> None:
     """sequence.json and the rectification maps."""
     plan, recipe = work.plan, work.plan.recipe
+    drawn = plan.drawn
+    if plan.place:
+        if not (work.folder / PLACE).exists():  # sequence.json exists: the run was stopped at its end
+            return
+        objects = read_object(work.folder / PLACE, "placed objects")["objects"]
+        drawn["place"] = [one | {"position_m": put["position_m"]} for one, put in zip(plan.place, objects, strict=True)]
     views = {camera.name: _view(work, camera) for camera in plan.cameras if camera.owns_pixels}
     imu = plan.imu and vars(recipe.imu) | {
         "rig_from_imu": plan.imu.rig_from_imu.tolist(),
@@ -174,7 +221,7 @@ def _describe(work: Work) -> None:
             "split": plan.split,
             "seed": recipe.seed,
             "duration_us": plan.duration_us,
-            "drawn": portable(plan.drawn),
+            "drawn": portable(drawn),
             "scene": plan.scene.name,
             "cameras": [_described(work, camera, views) for camera in plan.cameras],
             "imu": imu,
@@ -203,7 +250,7 @@ def _described(work: Work, camera: CameraPlan, views: dict[str, _View]) -> dict[
     matrices |= {"K_rect": K, "R_rect": R_rect}
     return {
         **{key: getattr(entry, key) for key in ("name", "kind", "chip", "preset", "model", "partner", "pixels_of")},
-        **{key: view.stack["lens"][key] for key in ("fnumber", "focus_m")},
+        **{key: (view.stack["lens"] or view.stack).get(key) for key in ("fnumber", "focus_m")},
         **{key: matrix.tolist() for key, matrix in matrices.items()},
         "width": width,
         "height": height,
@@ -247,7 +294,7 @@ def _sense(work: Work, camera: CameraPlan) -> None:
 
 def _drop(work: Work) -> None:
     """Deletes stacks that the recipe does not keep, and inputs of the renderer."""
-    (work.folder / "place.json").unlink(missing_ok=True)
+    (work.folder / PLACE).unlink(missing_ok=True)
     (work.folder / "survey.npz").unlink(missing_ok=True)
     keep = work.plan.recipe.keep
     for camera in work.plan.cameras:

@@ -214,7 +214,7 @@ class Camera:
     @cached_property
     def view(self) -> Optics:
         """Its lens, with the settings of the ground truth."""
-        return optics(stack_json(self.truth.folder), self.info["lens"])
+        return optics(stack_json(self.truth.folder), self.info["lens"], self.K)
 
     @cached_property
     def truth(self) -> Truth:

@@ -55,7 +55,8 @@ def files(root, tmp_path_factory):
 
 
 def thing(files, name="a", file="cube", **changes):
-    return {"name": name, "file": str(files / f"{file}.blend"), "texture": None, "class": "box", "size_m": 0.5,
+    path = file if "." in file else str(files / f"{file}.blend")
+    return {"name": name, "file": path, "texture": None, "class": "box", "size_m": 0.5,
             "position_m": [0, 0, 0.3], "rotation_deg": [0, 0, 0], "velocity_m_s": [0, 0, 0],
             "spin_deg_s": [0, 0, 0]} | changes  # fmt: skip
 
@@ -131,6 +132,149 @@ def test_python_of_a_placed_file_is_refused(files, tmp_path, name):
     assert not (files / "ran").exists()
     render(files, tmp_path / "s", [thing(files, file=name)], "--allow-scripts")
     assert (files / "ran").exists()
+
+
+MODELS = """
+import sys
+import bpy
+from support import blend_parts
+folder = sys.argv[1]
+blend_parts.start()
+bpy.ops.mesh.primitive_cube_add(size=1)
+thing = bpy.context.object
+thing.scale = (1, 0.4, 2)
+red = {"Base Color": (0.8, 0.02, 0.02, 1)}
+thing.data.materials.append(blend_parts.material("red", ("ShaderNodeBsdfPrincipled", red))[0])
+blend_parts.lamp("SUN", (1, 1, 1), 50)  # comes with some of the files, and stays out
+bpy.ops.object.transform_apply(scale=True)
+bpy.ops.wm.save_as_mainfile(filepath=folder + "/thing.blend")
+bpy.ops.wm.obj_export(filepath=folder + "/thing.obj")
+bpy.ops.wm.ply_export(filepath=folder + "/thing.ply", up_axis="Z", forward_axis="Y")
+bpy.ops.export_scene.gltf(filepath=folder + "/thing.glb", export_lights=True, export_cameras=True)
+bpy.ops.export_scene.gltf(filepath=folder + "/thing.gltf", export_format="GLTF_SEPARATE")
+bpy.ops.export_scene.fbx(filepath=folder + "/thing.fbx")
+bpy.ops.wm.usd_export(filepath=folder + "/thing.usdc")
+for name in ("obj", "ply", "glb", "gltf", "fbx", "usdc"):
+    open(f"{folder}/broken.{name}", "w").write("nothing")
+"""
+
+
+@pytest.fixture(scope="module")
+def models(files):
+    in_bpy(MODELS, files)
+    seen = {}
+    for kind in ("blend", "obj", "ply", "glb", "gltf", "fbx", "usdc"):
+        output = files / f"seen_{kind}"
+        things = [thing(files, file=str(files / f"thing.{kind}"), size_m=1.0)]
+        render(files, output, things, "--layers", "depth", "--frames", 1, "--width", 48)
+        with pecs.StackReader(output) as stack:
+            seen[kind] = stack.read_layer("depth", 0)[0].copy(), stack.read_frame(0).copy()
+    return seen
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "glb", "gltf", "fbx", "usdc"])
+def test_a_model_of_any_format_is_the_same(models, kind):
+    """Its place, axes, size and, but for .ply, its colour; no lamp of its file."""
+    (depth, light), (wanted_depth, wanted_light) = models[kind], models["blend"]
+    seen = np.isfinite(wanted_depth)
+    assert seen.sum() > 100 and np.array_equal(np.isfinite(depth), seen)
+    assert np.abs(depth[seen] - wanted_depth[seen]).max() < 1e-4
+    if kind != "ply":
+        assert light[:, seen].mean(1) == pytest.approx(wanted_light[:, seen].mean(1), rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "glb", "gltf", "fbx", "usdc", "stl"])
+def test_a_broken_model_is_one_line(files, tmp_path, kind):
+    (files / f"broken.{kind}").write_text("nothing")
+    result = render(files, tmp_path / "s", [thing(files, file=str(files / f"broken.{kind}"))], check=False)
+    ours = [said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")]
+    assert result.returncode == 4 and len(ours) == 1 and f"broken.{kind}: " in ours[0], result.stderr
+
+
+def test_size_and_axis_of_a_file(files, models, tmp_path):
+    """Half a metre per unit, 2 units high; with z up, the .obj lies on its side."""
+    for up, high in (("y", True), ("z", False)):
+        entry = thing(files, file=str(files / "thing.obj"), size_m=None, unit_m=0.5, up=up)
+        render(files, tmp_path / up, [entry], "--no-light", "--layers", "depth", "--frames", 1, "--width", 48)
+        with pecs.StackReader(tmp_path / up) as stack:
+            seen = np.isfinite(stack.read_layer("depth", 0)[0])
+        assert np.array_equal(seen, np.isfinite(models["blend"][0])) == high
+
+
+def test_a_changed_texture_or_material_is_another_stack(files, models, tmp_path):
+    """The files that a model reads count."""
+    entry = [thing(files, file=str(files / "thing.obj"))]
+    words = ("--no-light", "--layers", "depth", "--frames", 1, "--width", 16)
+    render(files, tmp_path / "s", entry, *words)
+    (files / "thing.mtl").write_text((files / "thing.mtl").read_text().replace("Kd 0.8", "Kd 0.2"))
+    assert render(files, tmp_path / "s", entry, *words, check=False).returncode == 5
+
+
+SKIES = """
+import sys
+import bpy
+import numpy as np
+from support import blend_parts
+folder = sys.argv[1]
+scene = blend_parts.start()
+bpy.ops.mesh.primitive_plane_add(size=1000)
+material, _, _ = blend_parts.material("grey", ("ShaderNodeBsdfDiffuse", {"Color": blend_parts.GREY}))
+bpy.context.object.data.materials.append(material)
+scene.camera.location.z, scene.camera.rotation_euler = 2, (0.3, 0, 0)
+bpy.ops.wm.save_as_mainfile(filepath=folder + "/floor.blend")
+for name, size, below in (("sky", (64, 32), False), ("dark", (64, 32), True), ("square", (32, 32), False)):
+    pixels = np.zeros((*size[::-1], 4), np.float32)
+    pixels[: size[1] // 2 if below else None] = 0.2, 0.3, 0.4, 1
+    if not below:
+        pixels[24:27, 40:43, :3] = 300
+    image = bpy.data.images.new(name, *size, float_buffer=True)
+    image.pixels.foreach_set(pixels.ravel())
+    image.filepath_raw, image.file_format = f"{folder}/{name}.hdr", "HDR"
+    image.save()
+open(folder + "/empty.hdr", "w").close()
+"""
+
+
+@pytest.fixture(scope="module")
+def skies(files):
+    in_bpy(SKIES, files)
+    return files
+
+
+def under_sky(folder, scene, name, *words, check=True):
+    sky = {"file": str(folder / f"{name}.hdr"), "lux": 1000, "turn_deg": 40}
+    (folder / "sky.json").write_text(json.dumps({"format": 1, "objects": [], "sky": sky}))
+    return pecs_blender("light", scene, "--place", folder / "sky.json", "--json", *words, check=check)
+
+
+def test_a_sky_gives_a_floor_its_lux(root, skies):
+    """Measured on the rendered floor, in a .blend and in a scene folder; a lamp of the folder adds its own."""
+    stage, without = root / "scenes/stage", ("--set", "lamps=0")
+    for scene, words in ((skies / "floor.blend", ()), (stage, without)):
+        found = json.loads(under_sky(skies, scene, "sky", *words).stdout)
+        assert found["lux"]["median"] == pytest.approx(1000, rel=0.1), scene
+    both = json.loads(under_sky(skies, stage, "sky", "--set", "illuminance_lux=3000").stdout)
+    assert both["lux"]["median"] > 2000
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "line"),
+    [
+        ("nosuch", 3, "nosuch.hdr: no such file"),
+        ("empty", 4, "empty.hdr: got no pixels"),
+        ("dark", 4, "dark.hdr: got no light above the horizon"),
+        ("square", 4, "square.hdr: size: got 32 x 32, wanted twice as wide as high"),
+    ],
+)
+def test_what_is_no_sky_is_one_line(skies, name, code, line):
+    result = under_sky(skies, skies / "floor.blend", name, check=False)
+    ours = [said for said in result.stderr.splitlines() if said.startswith("pecs_blender: ")]
+    assert result.returncode == code and len(ours) == 1 and line in ours[0], result.stderr
+
+
+def test_a_stage_without_light_is_refused(root):
+    result = pecs_blender("light", root / "scenes/stage", "--set", "lamps=0", check=False)
+    assert result.returncode == 4 and "no lamp that shines" in result.stderr
 
 
 def test_what_files_lack_is_one_line(files, tmp_path):

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects of model files of other programs, by Blender's importers. Lamps, cameras, skies and animations stay out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+from pecs._errors import ExitCode, PecsError, bad_input
+
+from . import cycles
+
+KEPT = ("frame_start", "frame_end", "frame_current", "camera", "world")  # of the scene
+BLOCKS = ("objects", "collections", "images", "texts")
+
+
+def _axes(up: str | None, default: str) -> dict[str, str]:
+    return (
+        {"up_axis": "Y", "forward_axis": "NEGATIVE_Z"}
+        if (up or default) == "y"
+        else {
+            "up_axis": "Z",
+            "forward_axis": "Y",
+        }
+    )
+
+
+def _obj(path: str, up: str | None) -> None:
+    bpy.ops.wm.obj_import(filepath=path, **_axes(up, "y"))
+
+
+def _ply(path: str, up: str | None) -> None:
+    bpy.ops.wm.ply_import(filepath=path, **_axes(up, "z"))
+
+
+def _gltf(path: str, _up: str | None) -> None:
+    bpy.ops.import_scene.gltf(filepath=path, disable_bone_shape=True)
+
+
+def _fbx(path: str, _up: str | None) -> None:
+    bpy.ops.import_scene.fbx(filepath=path, use_anim=False)
+
+
+def _usd(path: str, _up: str | None) -> None:
+    no = dict.fromkeys(("set_frame_range", "import_cameras", "import_lights", "create_world_material"), False)
+    known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
+    bpy.ops.wm.usd_import(filepath=path, **{key: value for key, value in no.items() if key in known})
+
+
+READERS: dict[str, Callable[[str, str | None], None]] = {".obj": _obj, ".ply": _ply, ".fbx": _fbx}
+READERS |= dict.fromkeys((".glb", ".gltf"), _gltf) | dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), _usd)
+
+
+def imported(file: Path, up: str | None) -> list[bpy.types.Object]:
+    """Unlinked objects. up: the axis of an .obj or .ply that points up. Raises PecsError."""
+    scene = bpy.context.scene
+    kept = {key: getattr(scene, key) for key in KEPT}
+    rate = scene.render.fps, scene.render.fps_base
+    before = {key: set(getattr(bpy.data, key)) for key in BLOCKS}
+    try:
+        with cycles.quiet(2):
+            READERS[file.suffix.lower()](str(file.absolute()), up)
+    except AttributeError as e:
+        raise PecsError(f"{file}: this Blender has no importer of it: {e}", ExitCode.UNSUPPORTED) from None
+    except Exception as e:  # importers in Python raise all kinds for broken files
+        words = [line for line in str(e).strip().splitlines() if line.strip()] or [type(e).__name__]
+        raise bad_input(file, "", words[-1].strip(), f"a model of {file.suffix}") from None
+    finally:
+        for key, value in kept.items():
+            setattr(scene, key, value)
+        scene.render.fps, scene.render.fps_base = rate
+    fresh = {key: [one for one in getattr(bpy.data, key) if one not in before[key]] for key in BLOCKS}
+    objects = fresh["objects"]
+    if not any(thing.type == "MESH" and len(thing.data.polygons) for thing in objects):
+        raise bad_input(file, "objects", "no surface", "a model with faces")
+    for thing in objects:
+        for collection in list(thing.users_collection):
+            collection.objects.unlink(thing)
+    for collection in fresh["collections"]:
+        bpy.data.collections.remove(collection)
+    for text in fresh["texts"]:
+        bpy.data.texts.remove(text)
+    return objects
