@@ -200,7 +200,8 @@ void print(const SenseArguments& o, const sensor::SenseReport& report, const Con
       line += fmt::format(fmt::runtime(text), 100 * (*noise)["share"].get<double>());
   };
   add_share("render_noise", ", {:.1f} % of them from the noise of the renderer");
-  add_share("unsure", ", {:.1f} % of them unsure");
+  if (r.contains("unsure") && r["unsure"]["events"].get<std::int64_t>() > 0)
+    add_share("unsure", ", {:.1f} % of them unsure");
   add_share("camera_noise", " (camera's own noise: {:.1f} %)");
   fmt::print("{}\n", line);
   if (const auto dropped = r["dropped"].get<std::int64_t>())

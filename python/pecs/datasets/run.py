@@ -63,8 +63,12 @@ def _inputs(work: Work) -> None:
         if film := camera.entry.film:
             size = pixels.width, pixels.height, pixels.pitch_um
             rgb.write_chip(work.folder / camera.film, None, *size, film.peak_qe)
-    if (plan.place or plan.sky) and not (work.folder / "poses.txt").exists():
-        _write_place(work, [thing["position_m"] for thing in plan.place])
+    if not (plan.place or plan.sky) or (work.folder / PLACE).exists():
+        return
+    things = plan.place
+    if (described := work.folder / "sequence.json").exists():  # stopped at its end: places are as they were found
+        things = read_object(described, "a sequence")["drawn"].get("place", [])
+    _write_place(work, [thing["position_m"] for thing in things])
 
 
 def _write_place(work: Work, positions_m: list[list[float]]) -> None:
