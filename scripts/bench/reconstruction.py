@@ -1,12 +1,11 @@
-"""Does reading clips slow training down, and how many pictures per second does a network make?
+"""Does making clips slow training down, and how many pictures per second does a network make?
 
-    .venv-datasets/bin/python scripts/bench/reconstruction.py SET [--weights NETWORK.onnx] [--threads 1]
+    .venv-datasets/bin/python scripts/bench/reconstruction.py [--weights NETWORK.onnx] [--threads 1]
 
-SET: a data set whose recipe keeps the light, as of examples/recipes/reconstruction.toml. Training (8 channels, clips of
-10 windows of 64 pixels, batches of 4) is timed with clips that are read and made, and with the same clips as tensors in
-memory, in turn. Reconstruction (346x260, 1 million events/s, 50 pictures/s) is timed from event file to MP4, by the
-network and by the filter in turn. Prints JSON: medians over passes, by the clock and by the CPU time of all threads
-(on a machine with other work the clock says more about that), and the load.
+Training (the defaults of `pecs train`, on a few drawn sequences) is timed with clips that are made, and with the same
+clips as tensors in memory, in turn. Reconstruction (346x260, 1 million events/s, 50 pictures/s) is timed from event
+file to MP4, by the network and by the filter in turn. Prints JSON: medians over passes, by the clock and by the CPU
+time of all threads (on a machine with other work the clock says more about that), and the load.
 """
 
 import tempfile
@@ -16,27 +15,25 @@ from pathlib import Path
 import numpy as np
 import pecs
 import torch
-from pecs.datasets.sequence import sequences
-from pecs.learning.clips import ClipConfig, Clips, recordings
-from pecs.learning.networks import NetworkConfig, network
+from pecs.learning.clips import Clips
+from pecs.learning.networks import RecurrentUNet
+from pecs.learning.procedural import ProceduralConfig, sequences
 from pecs.learning.reconstruct import WEIGHTS, reconstruct
 from pecs.learning.train import TrainConfig, learn
 from pecs_lab.measure import command
 
-STEPS, PASSES, SECONDS = 16, 5, 1.0  # of training; of reconstruction, each of so long a recording
+SEQUENCES, STEPS = 4, 6  # of training
+PASSES, SECONDS = 5, 1.0  # of reconstruction, each of so long a recording
 CLOCKS = "clock", "cpu"
 WIDTH, HEIGHT, EVENTS_PER_S = 346, 260, 1_000_000
 
 
-def training(folder: Path) -> dict:
-    config = TrainConfig(NetworkConfig(channels=8), ClipConfig())
-    net = network(config.network)
+def training() -> dict:
+    config = TrainConfig()
+    net = RecurrentUNet(config.network)
     optimiser = torch.optim.Adam(net.parameters())
-    clips = Clips(recordings(sequences(folder, "train")), config.clips, 1, STEPS * config.batch)
-    for recording in clips.sources:  # what is read once in a training of any length
-        assert len(recording.pictures)
-        for i in range(recording.windows):
-            recording.flow_back(i)
+    sources = sequences(1, ProceduralConfig(count=SEQUENCES))
+    clips = Clips(sources, config.clips, config.network.bins, 1, STEPS * config.batch)
     kept = list(torch.utils.data.DataLoader(clips, config.batch))
     read = iter(torch.utils.data.DataLoader(clips, config.batch))
     learn(net, optimiser, kept[0], config)  # allocations
@@ -66,7 +63,8 @@ def reconstruction(weights: Path, threads: int) -> dict:
         for one in range(PASSES):
             for how, file in (("network", weights), ("filter", None)):
                 begin, begin_cpu = time.perf_counter(), time.process_time()
-                done = reconstruct(f"{scratch}/events.raw", f"{scratch}/{how}{one}.mp4", weights=file, threads=threads)
+                video = f"{scratch}/{how}{one}.mp4"
+                done = reconstruct(f"{scratch}/events.raw", video, method=how, weights=file, threads=threads)
                 took = time.perf_counter() - begin, time.process_time() - begin_cpu
                 rates[how].append((done["pictures"] / took[0], took[1] / done["pictures"]))
     return {
@@ -79,9 +77,9 @@ def reconstruction(weights: Path, threads: int) -> dict:
     }
 
 
-def main(folder: Path, *, weights: Path = WEIGHTS, threads: int = 1) -> dict:
+def main(*, weights: Path = WEIGHTS, threads: int = 1) -> dict:
     torch.set_num_threads(threads)  # more than are free slow all down
-    return {"training": training(folder), "reconstruction": reconstruction(weights, threads), "threads": threads}
+    return {"training": training(), "reconstruction": reconstruction(weights, threads), "threads": threads}
 
 
 if __name__ == "__main__":

@@ -1,132 +1,175 @@
-"""Does the simulator that made the training events matter for video from events? The light is the same for all; only
-the sensor differs. What is compared, and how, is fixed in reconstruction.json.
+"""Video from events on real recordings: methods beside the frames of the same camera.
 
-    pecs dataset examples/recipes/reconstruction.toml -o out/reconstruction/light
-    .venv-datasets/bin/python scripts/studies/reconstruction.py out/reconstruction [--only SIMULATOR ...]
-        [--seeds 1 2 3] [--real R_360_L.hdf5] [--picture docs/studies/reconstruction.png]
+    .venv-datasets/bin/python scripts/studies/reconstruction.py ../shared/data/real [NAME=NETWORK.onnx ...]
+        [--window-ms 10 20 40] [-o scripts/studies/reconstruction.json] [--picture docs/studies/reconstruction.png]
+        [--look PICTURE]
 
-Needs PyTorch, onnxruntime, and piq (with torchvision); --real renders the disk with .venv. Each step whose result is
-there is left out, so that it can be stopped and run again. Writes results.json and prints tables; `shipped` is the
-network of `pecs reconstruct`.
+Methods are the filter, the network that PECS includes (`shipped`), and those that are named. Windows have each of the
+lengths; the picture nearest to a frame's time is scored.
+    camerashake (DAVIS240C): sharp frames after motion, and in stillness
+    cups (DAVIS346): the mean of the pictures in an exposure beside the frame, which motion blurs
+    R_360_L: edges of the lab's disk, on every fourth pixel, after the first fifth of the recording
+--picture shows drawn sequences that no network was trained on, and the disk; --look the recordings, which have no
+licence for a page.
 """
 
+import argparse
+import csv
+import functools
 import json
-import sys
-from functools import cache, partial
-from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
-from pecs import read
-from pecs._files import write_json
-from pecs.datasets.sequence import Sequence
-from pecs.learning.clips import ClipConfig, Recording
-from pecs.learning.export import export
-from pecs.learning.footage import Footage
-from pecs.learning.networks import NetworkConfig
-from pecs.learning.reconstruct import WEIGHTS, Filter, Network
-from pecs.learning.train import TrainConfig, train
-from pecs_lab import real_disk
-from pecs_lab.comparison import OURS, Comparison, mean_scores, table, titled
-from pecs_lab.measure import command
+import pecs
+from pecs.learning import procedural
+from pecs.learning.reconstruct import CUTOFF_HZ, WEIGHTS, Filter, Network, Window
+from pecs_lab import sequences
+from pecs_lab.disk import edges
+from scipy.ndimage import uniform_filter
 
-PLAN = json.loads(Path(__file__).with_suffix(".json").read_text())
-FILTER, SHIPPED = "filter", "shipped"
-WIDE_PX = 1280  # of the picture
+PERIOD_US, LAG_US = 138_121.3, -11_000  # of camerashake's frames; frame k at (k - 2) PERIOD_US + LAG_US (README there)
+SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33, 34)}
+COARSER, NEAR_PX = 4, 3
+PICTURED = (8, 20, 33)  # frames
+HELD_OUT, SHOWN, AT = 999, (4, 8, 9, 14), 90  # seed, numbers of busy sequences, window
 
 
-@cache
-def light_of(study: Comparison, split: str) -> list[tuple[Sequence, Recording]]:
-    return [(s, Recording(study.camera(s))) for s in study.sequences(split)]
+def recording(*paths: Path) -> np.ndarray:
+    parts = []
+    for path in paths:
+        with np.load(path) as file:
+            events = np.zeros(len(file["t"]), pecs.EVENT_DTYPE)
+            for key in "txyp":
+                events[key] = file[key]
+        parts.append(events)
+    return np.concatenate(parts)
 
 
-def seen_by(study: Comparison, name: str, split: str) -> list[Recording]:
-    return [recording.with_events(read(study.events(name, s), "dsec")) for s, recording in light_of(study, split)]
+def video(method, events: np.ndarray, end_us: float, window_us: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of all windows from 0, and pictures [n, H, W]."""
+    ends = np.arange(1, round(end_us / window_us) + 1) * window_us
+    cuts = np.searchsorted(events["t"], [0, *ends])
+    windows = (Window(end - window_us, end, events[cuts[k] : cuts[k + 1]]) for k, end in enumerate(ends))
+    return ends, np.stack([np.asarray(method(window), np.float32) for window in windows])
 
 
-def trained(study: Comparison, name: str, seed: int) -> Path:
-    """Trained on one simulator's events: its network.onnx."""
-    run, how = study.root / "runs" / f"{name}_{seed}", PLAN["training"]
-    if not (run / "network.onnx").exists():
-        clips = ClipConfig(how["windows"], how["crop"])
-        network = NetworkConfig("firenet", channels=how["channels"])
-        config = TrainConfig(network, clips, how["steps"], how["batch"], how["learning_rate"], seed=seed)
-        print(run, file=sys.stderr, flush=True)
-        train(seen_by(study, name, "train"), run, config)
-        export(run, run / "network.onnx")
-    return run / "network.onnx"
+def stretched(picture: np.ndarray) -> np.ndarray:
+    low, high = np.percentile(picture, (1, 99))
+    return np.clip((picture - low) / max(high - low, 1e-6), 0, 1)
 
 
-def method_of(study: Comparison, name: str, seed: int, size: tuple[int, int]) -> Filter | Network:
-    if name == FILTER:
-        return Filter(*size, 1.0)
-    return Network(WEIGHTS if name == SHIPPED else trained(study, name, seed), *size, threads=1)
+def ssim(a: np.ndarray, b: np.ndarray) -> float:
+    """Of Wang et al. 2004 with a uniform window of 7 pixels, as scikit-image's default."""
+
+    def mean(x: np.ndarray) -> np.ndarray:
+        return uniform_filter(x, 7)[3:-3, 3:-3]
+
+    def covariance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return (mean(x * y) - mean(x) * mean(y)) * 49 / 48
+
+    light = (2 * mean(a) * mean(b) + 1e-4) / (mean(a) ** 2 + mean(b) ** 2 + 1e-4)
+    return float((light * (2 * covariance(a, b) + 9e-4) / (covariance(a, a) + covariance(b, b) + 9e-4)).mean())
 
 
-def scores(method: Filter | Network, footage: Footage) -> dict[str, float]:
-    """Means over the pictures after the first windows."""
+def scores(pairs: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, float]:
+    """Means over pairs of picture and frame. MSE and SSIM of both stretched to their 1 to 99 %."""
     rows = []
-    for k, window in enumerate(footage.windows):
-        picture = method(window)
-        if k >= PLAN["test"]["skipped_windows"]:
-            rows.append(real_disk.picture_scores(picture, footage.pictures[k + 1] / 255.0))
-    return mean_scores(rows)
+    for picture, frame in pairs:
+        a, b = stretched(picture), stretched(frame)
+        rows.append((((a - b) ** 2).mean(), ssim(a, b), np.corrcoef(picture.ravel(), frame.ravel())[0, 1]))
+    return dict(zip(("mse", "ssim", "correlation"), np.round(np.mean(rows, 0), 3).tolist(), strict=True))
 
 
-def footage_of(study: Comparison, on: str) -> list[Footage]:
-    """A simulator's test set."""
-    found = seen_by(study, on, PLAN["test"]["split"])
-    return [Footage(r.camera.name, r.events, r.times_us, r.pictures) for r in found]
+def frame(folder: Path, number: int) -> np.ndarray:
+    return cv2.imread(str(folder / f"frames/{number:04d}.png"), cv2.IMREAD_GRAYSCALE).astype(np.float64) / 255
 
 
-def tested(study: Comparison, some: list[Footage], name: str, seed: int) -> dict[str, float]:
-    """Means over pictures, then over footage."""
-    return mean_scores([scores(method_of(study, name, seed, footage.size), footage) for footage in some])
+def camerashake(make, folder: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+    events = recording(folder / "events.npz", folder / "still.npz")
+    ends, shown = video(make(240, 180), events, 33 * PERIOD_US, window_us)
+
+    def at(number: int) -> np.ndarray:
+        return shown[np.abs(ends - (number - 2) * PERIOD_US - LAG_US).argmin()]
+
+    found = {name: scores([(at(k), frame(folder, k)) for k in numbers]) for name, numbers in SHARP.items()}
+    return found, [at(k) for k in PICTURED]
 
 
-def on_disk(study: Comparison, real: Path, name: str, seed: int) -> dict[str, float]:
-    footage, disk = real_disk.load(real, study.root / "real", PLAN["real"])
-    return real_disk.scores(method_of(study, name, seed, footage.size), footage, disk, PLAN["real"])
+def cups(make, folder: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+    ends, shown = video(make(346, 260), recording(folder / "events.npz"), 1.82e6, window_us)
+    with (folder / "exposures_us.csv").open() as file:
+        exposures = [{key: int(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    pairs = []
+    for row in exposures[2:]:  # the first ones have no past
+        inside = (ends > row["begin_us"]) & (ends <= row["end_us"])
+        pairs.append((shown[inside].mean(0), frame(folder, row["frame"])))
+    return {"blurred": scores(pairs)}, [pairs[-1][0]]
 
 
-def draw(study: Comparison, path: Path, names: list[str], seed: int, real: Path | None) -> None:
-    """One row for each of our test set, and the recording: the last picture, by each method, and truth."""
-    rows, lines = footage_of(study, OURS), []
-    if real:
-        rows = [*rows[:2], real_disk.load(real, study.root / "real", PLAN["real"])[0]]
-    for footage in rows:
-        methods = [method_of(study, name, seed, footage.size) for name in names]
-        shown = [[method(window) for window in footage.windows][-1] * 255 for method in methods]
-        line = np.hstack([*shown, footage.pictures[-1]])
-        scale = WIDE_PX / line.shape[1]
-        lines.append(cv2.resize(line, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-    cv2.imwrite(str(path), titled(np.vstack(lines).round().astype(np.uint8), [*names, "truth"]))
+def disk(make, path: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+    events = pecs.read(path)
+    kept = events[(events["x"] % COARSER == COARSER // 2) & (events["y"] % COARSER == COARSER // 2)].copy()
+    kept["x"], kept["y"] = kept["x"] // COARSER, kept["y"] // COARSER
+    end_us, of = float(kept["t"][-1]), sequences.load("R_360_L").disk.coarser(COARSER)
+    ends, shown = video(make(320, 180), kept, end_us, window_us)
+    ahead = np.stack([edges(picture, of, end)[0] for end, picture in zip(ends, shown, strict=True) if end > end_us / 5])
+    near = float((np.abs(ahead) <= NEAR_PX).mean())
+    median = float(np.nanmedian(np.abs(ahead))) if np.isfinite(ahead).any() else None
+    found = {"found": float(np.isfinite(ahead).mean()), f"within_{NEAR_PX}_px": near, "median_error_px": median}
+    return {"edges": {key: value and round(value, 3) for key, value in found.items()}}, [shown[-1]]
 
 
-def main(
-    root: Path, *, only: list[str] = (), seeds: list[int] = tuple(PLAN["seeds"]), real: Path | None = None,
-    picture: Path | None = None,
-) -> None:  # fmt: skip
-    study = Comparison(root, PLAN)
-    names = study.chosen(only)
-    torch.set_num_threads(1)
-    for seed, name in product(seeds, names):  # whole comparisons first
-        trained(study, name, seed)
-    tests = {on: partial(tested, study, footage_of(study, on)) for on in names}
-    if real:
-        tests[PLAN["real"]["sequence"]] = partial(on_disk, study, real)
-    results = study.scored(names, (SHIPPED, FILTER), seeds, tests)
-    if picture:
-        draw(study, picture, [FILTER, *names, SHIPPED], seeds[0], real)
-    write_json(root / "results.json", {"plan": PLAN, "results": results})
-    for metric in PLAN["test"]["metrics"]:
-        print(table(results, [(on, metric) for on in names]) + "\n")
-    if real:
-        on = PLAN["real"]["sequence"]
-        print(table(results, [(on, metric) for metric in results[FILTER][on][0]]))
+def drawn(methods: dict, number: int) -> list[np.ndarray]:
+    """By each method at the end of a drawn sequence, and its light."""
+    made = procedural.sequence(number, HELD_OUT, procedural.ProceduralConfig())
+    rows = [video(make(128, 128), made.events, 2e6, 20e3)[1][AT] for make in methods.values()]
+    return [*rows, made.pictures[4 * AT + 4] / 255]
+
+
+def labelled(picture: np.ndarray, text: str, height: int = 180) -> np.ndarray:
+    width = round(picture.shape[1] * height / picture.shape[0])
+    grey = cv2.resize((255 * stretched(picture)).astype(np.uint8), (width, height), interpolation=cv2.INTER_AREA)
+    return cv2.putText(grey, text, (4, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, 255, 1, cv2.LINE_AA)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("networks", nargs="*", metavar="NAME=NETWORK.onnx")
+    parser.add_argument("--window-ms", type=float, nargs="+", default=[10, 20, 40])
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
+    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--look", type=Path)
+    args = parser.parse_args()
+
+    networks = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
+    networks |= {name: Path(path) for name, path in (text.split("=", 1) for text in args.networks)}
+    methods = {"filter": lambda w, h: Filter(w, h, CUTOFF_HZ)}
+    methods |= {name: functools.partial(Network, path) for name, path in networks.items()}
+    real, results, strips = args.data, {}, []
+    for name, make in methods.items():
+        for window_ms in args.window_ms:
+            shake, shown = camerashake(make, real / "camerashake", 1e3 * window_ms)
+            blur, mean = cups(make, real / "cups", 1e3 * window_ms)
+            turn, last = disk(make, real / "R_360_L.hdf5", 1e3 * window_ms)
+            results[f"{name}, {window_ms:g} ms"] = shake | blur | turn
+            print(name, f"{window_ms:g} ms", json.dumps(shake | blur | turn), flush=True)
+            if window_ms == args.window_ms[len(args.window_ms) // 2]:
+                strips.append(
+                    np.hstack([labelled(p, name if i == 0 else "") for i, p in enumerate([*shown, *mean, *last])])
+                )
+    args.output.write_text(json.dumps(results, indent=1) + "\n")
+    if args.look:
+        true = [*(frame(real / "camerashake", k) for k in PICTURED), frame(real / "cups", 24), np.zeros((180, 320))]
+        strips.append(np.hstack([labelled(p, "frames" if i == 0 else "") for i, p in enumerate(true)]))
+        cv2.imwrite(str(args.look), np.vstack(strips))
+    if args.picture:
+        columns = [drawn(methods, number) for number in SHOWN]
+        names = [*methods, "light"]
+        rows = [np.hstack([labelled(column[i], name) for column in columns]) for i, name in enumerate(names)]
+        cv2.imwrite(str(args.picture), np.vstack(rows))
 
 
 if __name__ == "__main__":
-    command(main)
+    main()

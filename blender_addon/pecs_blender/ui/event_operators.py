@@ -187,7 +187,7 @@ class PECS_OT_reconstruct(_OnEvents, bpy.types.Operator):
         s, output = scene.pecs, events.with_suffix(".light.mp4")
         slower = s.sensor.slow_motion or VIDEO_S * s.fps / settings.frame_count(scene)
         rates = ["--fps", f"{PLAYBACK_FPS * max(1, slower):.6g}", "--playback-fps", str(PLAYBACK_FPS)]
-        words = ["-o", output, *rates, "--cutoff", f"{s.sensor.cutoff_hz:.6g}"]
+        words = ["-o", output, *rates, "--method", "filter", "--cutoff", f"{s.sensor.cutoff_hz:.6g}"]
         command = [*operators.program("reconstruct"), str(events), *map(str, words)]
         done = _add_strip if self.to_sequencer else _open
         return BackgroundJob("Reconstruct Video", command, output, done)

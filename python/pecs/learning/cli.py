@@ -5,26 +5,37 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .._arguments import SEED, THREADS, Parser, Quantity, Whole
 from .._command import answer
-from .._errors import PecsNotFoundError, optional_module
+from .._errors import PecsNotFoundError, UsageError, optional_module
 from .._files import check_outputs
 from .._progress import Line, for_a_program
 from ..events import EventReader
 from .limits import WHOLE
-from .reconstruct import METHODS
+from .reconstruct import CUTOFF_HZ, METHODS
+
+if TYPE_CHECKING:
+    from .clips import Source
 
 NETWORK = "network.onnx"
+MODELS = ("pecs", "esim", "v2e", "voltmeter", "icns")
+CHUNK = 16  # windows that gradients pass through
 MOST_PX = 8192
 RECONSTRUCT = (
-    "pecs reconstruct recording.raw -o video.mp4                         # by a filter",
-    "pecs reconstruct recording.raw -o video.mp4 --method firenet        # by the network that ships",
-    "pecs reconstruct recording.raw -o slow.mp4 --fps 1kHz --playback-fps 25 --cutoff 5Hz",
+    "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
+    "pecs reconstruct recording.raw -o video.mp4 --method filter --cutoff 5Hz",
+    "pecs reconstruct recording.raw -o slow.mp4 --fps 100 --playback-fps 25",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
-TRAIN = ("pecs train out/set -o out/run --steps 2000    # writes out/run/network.onnx; continues when run again",)
+TRAIN = (
+    "pecs train -o out/run                     # the network that PECS includes: 40 minutes of two cores",
+    "pecs train -o out/run --model esim        # with events of another pixel model",
+    "pecs train out/set -o out/run             # on a data set; continues when run again",
+)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -56,32 +67,35 @@ def _parser() -> Parser:
     one = commands.add_parser("reconstruct", help=about, description=about, examples=RECONSTRUCT)
     one.add_argument("events", type=Path, help="an event file of any format")
     one.add_argument("-o", "--output", type=Path, required=True, help=".mp4, or a folder for PNG")
-    about = "filter: high-pass; firenet: the network that ships (default: filter, or that of --weights)"
-    one.add_argument("--method", choices=METHODS, help=about)
-    one.add_argument("--weights", type=Path, help="a network (.onnx) of `pecs train`")
+    about = "network: a recurrent network; filter: a high-pass filter of each pixel"
+    one.add_argument("--method", choices=METHODS, default=METHODS[0], help=about)
+    one.add_argument(
+        "--weights", type=Path, help="a network (.onnx) of `pecs train` (default: the one that PECS includes)"
+    )
     one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
-    one.add_argument("--cutoff", type=rate, default=1.0, help="cutoff frequency of the filter")
+    one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
 
-    about = "a network that makes video of events, trained on a data set (needs PyTorch)"
+    about = "a network that makes video of events, trained on drawn sequences or on a data set (needs PyTorch)"
     one = commands.add_parser("train", help=about, description=about, examples=TRAIN)
-    one.add_argument("set", type=Path, help="folder of a data set whose recipe has keep.light")
+    about = "a data set whose recipe has keep.light (default: sequences of drawn textures in motion)"
+    one.add_argument("set", type=Path, nargs="?", help=about)
     one.add_argument("-o", "--output", type=Path, required=True, help="folder of the run; an existing run continues")
-    one.add_argument("--split", default="train", help="split of the sequences")
-    one.add_argument("--network", choices=("firenet", "e2vid"), default="firenet", help="architecture")
-    about = "width of the first layer (default: firenet 16, e2vid 32)"
-    one.add_argument("--channels", type=whole["channels"], help=about)
-    one.add_argument("--steps", type=whole["steps"], default=500, help="steps of training")
-    one.add_argument("--batch", type=whole["batch"], default=4, help="clips per step")
-    one.add_argument("--windows", type=whole["windows"], default=10, help="windows of a clip")
-    one.add_argument("--crop", type=whole["crop"], default=64, help="width and height of a clip, in pixels")
-    one.add_argument("--learning-rate", type=_positive, default=1e-3, help="learning rate of Adam")
-    about = "last steps with a falling learning rate"
-    one.add_argument("--decay-steps", type=whole["decay_steps"], default=0, help=about)
-    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and MS-SSIM"
+    one.add_argument("--split", help="split of the data set's sequences (default: train)")
+    one.add_argument("--sequences", type=Whole(1, 100_000), help="number of drawn sequences (default: 280)")
+    one.add_argument("--model", choices=MODELS, help="pixel model of drawn sequences (default: pecs)")
+    one.add_argument("--channels", type=whole["channels"], default=24, help="channels of each level of the network")
+    one.add_argument("--steps", type=whole["steps"], default=700, help="steps of training")
+    one.add_argument("--batch", type=whole["batch"], default=2, help="clips per step")
+    one.add_argument("--windows", type=whole["windows"], default=48, help="windows of a clip")
+    one.add_argument("--crop", type=whole["crop"], default=112, help="width and height of a clip, in pixels")
+    one.add_argument("--learning-rate", type=_positive, default=2e-3, help="learning rate of Adam")
+    about = "last steps, with a falling learning rate (default: half of the steps)"
+    one.add_argument("--decay-steps", type=whole["decay_steps"], help=about)
+    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and SSIM"
     one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
     one.add_argument("--seed", type=SEED, default=1, help="seed of clips and first weights")
     one.add_argument("--workers", type=Whole(0, 256), default=0, help="processes that read clips; 0: this one")
@@ -124,30 +138,28 @@ def _windows(path: Path, fps: float) -> int:
 def _train(args: argparse.Namespace) -> None:
     for name, package in (("torch", "PyTorch"), ("onnx", "onnx")):
         optional_module(name, package, "training", "learning")
-    from ..datasets.sequence import sequences
-    from .clips import ClipConfig, recordings
+    from .clips import ClipConfig
     from .export import export
     from .networks import NetworkConfig
     from .train import TrainConfig, train
 
-    e2vid = args.network == "e2vid"
-    channels = args.channels or (32 if e2vid else 16)
+    for name in ("sequences", "model") if args.set else ("split",):
+        if getattr(args, name) is not None:
+            raise UsageError(f"train: --{name} {'does not go with' if args.set else 'requires'} a data set")
     config = TrainConfig(
-        NetworkConfig(args.network, channels=channels, levels=3 if e2vid else 0),
-        dataclasses.replace(ClipConfig(), windows=args.windows, crop=args.crop),
+        NetworkConfig(channels=args.channels),
+        dataclasses.replace(ClipConfig(), windows=args.windows, chunk=min(CHUNK, args.windows), crop=args.crop),
         args.steps,
         args.batch,
         args.learning_rate,
-        args.decay_steps,
+        args.steps // 2 if args.decay_steps is None else args.decay_steps,
         seed=args.seed,
     )
-    check_outputs([args.set], [args.output])
-    found = sequences(args.set, args.split)
-    if not found:
-        raise PecsNotFoundError(f"{args.set}: no sequences of split {args.split!r}")
+    check_outputs([args.set] if args.set else [], [args.output])
     line = Line(50, task="train", quiet=args.quiet, verbose=args.verbose)
+    sources = _rendered(args) if args.set else _drawn(args, line)
     net = train(
-        recordings(found),
+        sources,
         args.output,
         config,
         lpips_weights=args.lpips_weights,
@@ -158,4 +170,22 @@ def _train(args: argparse.Namespace) -> None:
     line.end()
     export(args.output, args.output / NETWORK)
     parameters = sum(p.numel() for p in net.parameters())
-    print(f"{args.output / NETWORK}: {args.network} of {parameters} parameters, {args.steps} steps")
+    print(f"{args.output / NETWORK}: {parameters} parameters, {args.steps} steps")
+
+
+def _rendered(args: argparse.Namespace) -> Sequence[Source]:
+    from ..datasets.sequence import sequences
+    from .clips import recordings
+
+    split = args.split or "train"
+    if not (found := sequences(args.set, split)):
+        raise PecsNotFoundError(f"{args.set}: no sequences of split {split!r}")
+    return recordings(found)
+
+
+def _drawn(args: argparse.Namespace, line: Line) -> Sequence[Source]:
+    from .procedural import ProceduralConfig, sequences
+
+    given = {"count": args.sequences, "model": args.model}
+    config = ProceduralConfig(**{name: value for name, value in given.items() if value is not None})
+    return sequences(args.seed, config, lambda n: line(f"train: sequence {n} of {config.count}", n, config.count))

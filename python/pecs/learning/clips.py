@@ -1,12 +1,12 @@
-"""Clips of data sets for training: the voxel grids of consecutive windows, the pictures at their ends, and the flow."""
+"""Clips for training: the network's planes of consecutive windows, and the pictures at their ends."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -14,84 +14,82 @@ from numpy.typing import NDArray
 
 from .._errors import PecsInputError, bad_input
 from ..chip import Chip
-from ..datasets.rgb import srgb
-from ..datasets.sequence import Camera, Sequence
+from ..datasets.sequence import Camera
+from ..datasets.sequence import Sequence as SetSequence
 from ..light import Light
 from ..representations import voxel_grid
+from .reconstruct import compressed
 
-WHITE_PERCENTILE = 99.0  # percentile of a recording's light that is white
+BLACK, WHITE = 1.0, 99.0  # percentiles of a recording's light
+WINDOW_US = (10_000, 40_000)  # lengths of windows, one for each clip
+
+
+class Source(Protocol):
+    """events, sorted by t, and pictures [n, H, W] (8 bit, linear in light) at times_us [n], evenly spaced."""
+
+    @property
+    def events(self) -> NDArray[Any]: ...
+    @property
+    def times_us(self) -> NDArray[Any]: ...
+    @property
+    def pictures(self) -> NDArray[np.uint8]: ...
 
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Augmentations of Stoffregen et al. (ECCV 2020); 0: none."""
+    """Faults of cameras that the simulation of a sequence has not. Each clip draws its own, up to these."""
 
     flip: bool = True
-    pause: float = 0.05  # probability of a window without events, which repeats the last picture
-    noise: float = 0.1  # standard deviation of noise, relative to that of the voxels that are not 0
-    noise_share: float = 0.25  # share of voxels with noise
-    hot: float = 0.001  # maximum share of hot pixels
+    noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
+    bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
 
 
 @dataclass(frozen=True)
 class ClipConfig:
-    windows: int = 10
-    crop: int = 64
-    bins: int = 5
+    """chunk: windows that gradients pass through; the state passes through all."""
+
+    windows: int = 48
+    chunk: int = 16
+    crop: int = 112
     augmentation: Augmentation | None = Augmentation()
 
 
+def eight_bit(light: NDArray[Any]) -> NDArray[np.uint8]:
+    """Pictures that are linear in light: the percentiles BLACK and WHITE of all values are 0 and 255."""
+    low, high = np.percentile(light, (BLACK, WHITE))
+    scaled = np.clip((light - low) / max(float(high - low), 1e-30), 0, 1)
+    return np.round(255 * scaled).astype(np.uint8)
+
+
 class Recording:
-    """Events of one camera, and pictures at the frames of its ground truth. Pictures and flow are kept in memory after
-    their first use (5 bytes per pixel and frame), because reading them takes as long as training."""
+    """One event camera of a data set with ground truth. Pictures stay in memory after their first use, because reading
+    them takes as long as training."""
 
     def __init__(self, camera: Camera):
-        if not camera.has_truth or "motion" not in camera.truth.layers:
-            raise bad_input(camera.folder / "truth", "layers", None, "motion: the flow between pictures")
+        if not camera.has_truth:
+            raise bad_input(camera.folder / "truth", "layers", None, "the times of pictures")
         if not (camera.folder / "stack" / "stack.json").is_file():
             raise bad_input(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
-        self.camera = camera
-        self.times_us = camera.truth.times_us
-        self._flows: dict[int, NDArray[np.float16]] = {}
-        self._set(camera.events())
-
-    def _set(self, events: NDArray[Any]) -> None:
-        self.events = events
-        self.first = np.searchsorted(events["t"], self.times_us)
+        self.camera, self.events, self.times_us = camera, camera.events(), camera.truth.times_us
 
     def with_events(self, events: NDArray[Any]) -> Recording:
         """The same light with the events of another sensor."""
         other = copy.copy(self)
         other.__dict__["pictures"] = self.pictures  # shared: they are read once
-        other._set(events)
+        other.events = events
         return other
-
-    @property
-    def windows(self) -> int:
-        return len(self.times_us) - 1
 
     @cached_property
     def pictures(self) -> NDArray[np.uint8]:
-        """[n, H, W]: the photocurrent of the pixels, 8 bit with sRGB's curve; white is a percentile of all values."""
+        """Of the photocurrent of the pixels."""
         folder = self.camera.folder
         own = folder / "chip.json"  # the profile that the recipe names
         chip = own if own.is_file() else str(self.camera.info["chip"])
         with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
-            values = np.stack([light.at(t)[0] for t in self.times_us])
-        return srgb(values / max(float(np.percentile(values, WHITE_PERCENTILE)), 1e-30))
-
-    def flow_back(self, i: int) -> NDArray[np.float16]:
-        """[2, H, W] px, as `Truth.flow_back`."""
-        if i not in self._flows:
-            self._flows[i] = np.moveaxis(self.camera.truth.flow_back(i), -1, 0).astype(np.float16)
-        return self._flows[i]
-
-    def window(self, i: int) -> NDArray[Any]:
-        events: NDArray[Any] = self.events[self.first[i] : self.first[i + 1]]
-        return events
+            return eight_bit(np.stack([light.at(t)[0] for t in self.times_us]))
 
 
-def recordings(sequences: Iterable[Sequence]) -> list[Recording]:
+def recordings(sequences: Iterable[SetSequence]) -> list[Recording]:
     found = [Recording(camera) for sequence in sequences for camera in sequence.of_kind("events")]
     if not found:
         raise PecsInputError("clips: got no event camera, wanted sequences with one")
@@ -99,19 +97,25 @@ def recordings(sequences: Iterable[Sequence]) -> list[Recording]:
 
 
 class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
-    """An item: grid [T, bins, h, w], picture [T, 1, h, w] at the windows' ends (0 … 1), before [1, h, w] at the first
-    one's begin, flow_back [T, 2, h, w] px from a window's end to its begin (NaN unknown).
+    """An item: planes [T, bins + 1, h, w] of T windows of equal length, picture [T, 1, h, w] at their ends (0 … 1).
 
     Item i is the same in every run and worker: what is random is keyed by (seed, i).
     """
 
-    def __init__(self, sources: list[Recording], config: ClipConfig, seed: int, length: int):
-        self.config, self.seed, self.length = config, seed, length
-        self.sources = [s for s in sources if s.windows >= config.windows]
-        small = [s.camera.name for s in sources if min(s.camera.width, s.camera.height) < config.crop]
-        if small or not self.sources:
-            got = f"a picture smaller than that in {small[0]}" if small else "shorter sequences"
-            raise PecsInputError(f"clips: got {got}, wanted {config.windows} windows of {config.crop} px")
+    def __init__(self, sources: Sequence[Source], config: ClipConfig, bins: int, seed: int, length: int):
+        self.config, self.bins, self.seed, self.length = config, bins, seed, length
+        self.sources, steps = [], 0
+        for source in sources:
+            n, height, width = source.pictures.shape
+            if min(height, width) < config.crop:
+                got = f"pictures of {width} x {height}"
+                raise PecsInputError(f"clips: got {got}, wanted {config.crop} px each way, or less --crop")
+            steps = max(steps, n - 1)
+            if n > config.windows:
+                self.sources.append(source)
+        if not self.sources:
+            got = f"{steps} windows in the longest sequence"
+            raise PecsInputError(f"clips: got {got}, wanted {config.windows}, or less --windows")
 
     def __len__(self) -> int:
         return self.length
@@ -121,51 +125,62 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             raise IndexError(index)
         rng = np.random.Generator(np.random.Philox(key=[self.seed, index]))
         source = self.sources[rng.integers(len(self.sources))]
-        first = int(rng.integers(source.windows - self.config.windows + 1))
-        crop, camera = self.config.crop, source.camera
-        x0, y0 = (int(rng.integers(n - crop + 1)) for n in (camera.width, camera.height))
-        item = self._cut(source, first, np.s_[y0 : y0 + crop, x0 : x0 + crop], rng)
-        if self.config.augmentation:
-            item = _augmented(item, self.config.augmentation, rng)
+        count, crop, how = self.config.windows, self.config.crop, self.config.augmentation
+        pictures, times_us = source.pictures, source.times_us
+        # A window is a number of intervals between pictures.
+        interval_us = float(times_us[-1] - times_us[0]) / (len(times_us) - 1)
+        short, long = (round(us / interval_us) for us in WINDOW_US)
+        most = min(max(long, 1), (len(times_us) - 1) // count)
+        stride = int(rng.integers(min(max(short, 1), most), most + 1))
+        first = int(rng.integers(len(times_us) - count * stride))
+        at = first + stride * np.arange(count + 1)
+        y0, x0 = (int(rng.integers(n - crop + 1)) for n in pictures.shape[1:])
+        window_us = stride * interval_us
+        grid = _grid(source, times_us[at], (x0, y0, crop), self.bins)
+        if how:
+            _add_faults(grid, window_us * 1e-6, how, rng)
+        grid = compressed(grid, window_us)
+        shown = pictures[at[1:], y0 : y0 + crop, x0 : x0 + crop][:, None] / np.float32(255)
+        if how and how.flip:
+            for axis in (-1, -2):
+                if rng.random() < 0.5:
+                    grid, shown = np.flip(grid, axis), np.flip(shown, axis)
+            if rng.random() < 0.5:
+                grid, shown = np.swapaxes(grid, -1, -2), np.swapaxes(shown, -1, -2)
+        item = {"planes": grid, "picture": shown}
         return {name: torch.from_numpy(np.ascontiguousarray(value, np.float32)) for name, value in item.items()}
 
-    def _cut(
-        self, source: Recording, first: int, box: tuple[slice, slice], rng: np.random.Generator
-    ) -> dict[str, NDArray[Any]]:
-        count, chance = self.config.windows, self.config.augmentation.pause if self.config.augmentation else 0.0
-        pictures = source.pictures[first : first + count + 1, box[0], box[1]] / 255.0
-        grids, shown, flows, at = [], [], [], 0
-        for _ in range(count):
-            pause = rng.random() < chance
-            begin, end = source.times_us[first + at : first + at + 2]
-            events = source.window(first + at)
-            inside = (events["x"] >= box[1].start) & (events["x"] < box[1].stop)
-            inside &= (events["y"] >= box[0].start) & (events["y"] < box[0].stop)
-            kept = np.asarray(events[inside & (not pause)]).copy()
-            kept["x"] -= box[1].start
-            kept["y"] -= box[0].start
-            size = self.config.crop, self.config.crop, self.config.bins
-            grids.append(voxel_grid(kept, *size, begin_us=begin, end_us=end, normalise=True))
-            flow = source.flow_back(first + at)[:, box[0], box[1]]
-            flows.append(np.zeros_like(flow) if pause else flow)
-            at += not pause
-            shown.append(pictures[at])
-        return {
-            "grid": np.stack(grids),
-            "picture": np.stack(shown)[:, None],
-            "before": pictures[:1],
-            "flow_back": np.stack(flows),
-        }
+
+def _grid(source: Source, ends_us: NDArray[Any], box: tuple[int, int, int], bins: int) -> NDArray[np.float32]:
+    """[T, bins, crop, crop] of the windows between `ends_us`; box: x0, y0, crop."""
+    x0, y0, crop = box
+    cuts, events = np.searchsorted(source.events["t"], ends_us), source.events
+    out = np.empty((len(ends_us) - 1, bins, crop, crop), np.float32)
+    for k, grid in enumerate(out):
+        window = events[cuts[k] : cuts[k + 1]]
+        x, y = window["x"].astype(np.int32) - x0, window["y"].astype(np.int32) - y0
+        inside = (x >= 0) & (x < crop) & (y >= 0) & (y < crop)
+        kept = window[inside]  # a copy
+        kept["x"], kept["y"] = x[inside], y[inside]
+        voxel_grid(kept, crop, crop, bins, begin_us=float(ends_us[k]), end_us=float(ends_us[k + 1]), out=grid)
+    return out
 
 
-def _augmented(item: dict[str, NDArray[Any]], how: Augmentation, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
-    grid, flow = item["grid"], item["flow_back"]
-    noisy = rng.random(grid.shape, np.float32) < how.noise_share
-    grid = grid + noisy * (how.noise * rng.standard_normal(grid.shape, np.float32))
-    hot = rng.random(grid.shape[-2:]) < rng.uniform(0, how.hot)
-    item |= {"grid": grid + hot * rng.normal(0, 1, grid.shape[-2:])}
-    for axis, sign in ((-1, (-1, 1)), (-2, (1, -1))):
-        if how.flip and rng.random() < 0.5:
-            item = {name: np.flip(value, axis) for name, value in item.items()}
-            item["flow_back"] = item["flow_back"] * np.array(sign, flow.dtype)[:, None, None]
-    return item
+def _add_faults(grid: NDArray[np.float32], window_s: float, how: Augmentation, rng: np.random.Generator) -> None:
+    """Noise whose rate differs from pixel to pixel, and bursts of events that come with each frame of the camera."""
+    count, bins, *size = grid.shape
+    if how.noise_hz:
+        median_hz = how.noise_hz * 10 ** rng.uniform(-2, 0)
+        rate_hz = np.minimum(median_hz * np.exp(rng.uniform(0, 1.5) * rng.standard_normal(size)), 300)
+        share = np.clip(rng.uniform(0.3, 0.7) + 0.15 * rng.standard_normal(size), 0, 1)
+        per_bin = np.broadcast_to(rate_hz * window_s / bins, grid.shape)
+        grid += rng.poisson(per_bin * share).astype(np.float32) - rng.poisson(per_bin * (1 - share))
+    if rng.random() < how.bursts:
+        period_s, likely = rng.uniform(0.03, 0.15), rng.beta(1, 2, size)
+        for sign in (-1, 1, -1 if rng.random() < 0.5 else 1):
+            at_s, share = rng.uniform(0, period_s), rng.uniform(0.05, 0.8)
+            while at_s < count * window_s:
+                cell = int(at_s / window_s * bins)
+                hit = rng.random(size) < share * likely
+                grid[cell // bins, cell % bins][hit] += sign
+                at_s += period_s

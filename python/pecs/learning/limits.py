@@ -9,13 +9,13 @@ from typing import Any, TypeVar
 from .._config import MAX_INTEGER, Fields
 
 T = TypeVar("T")
-KINDS = ("firenet", "e2vid")
 SSIM_WINDOW = 11  # pixels (Wang et al. 2004): no clip is smaller
 WHOLE = {
     "bins": (1, 256),
     "channels": (1, 1024),
-    "levels": (0, 8),
+    "levels": (1, 8),
     "windows": (1, 10_000),
+    "chunk": (1, 10_000),
     "crop": (SSIM_WINDOW, 8192),
     "steps": (1, 10**9),
     "batch": (1, 4096),
@@ -47,15 +47,11 @@ def record(kind: Callable[..., T], fields: Fields, **given: Any) -> T:
 
 @dataclasses.dataclass(frozen=True)
 class NetworkConfig:
-    kind: str = "firenet"
-    bins: int = 5
-    channels: int = 16  # channels of FireNet's layers, or of E2VID's first layer
-    levels: int = 0  # number of E2VID's encoders, each of which halves the resolution; 0 for FireNet
+    bins: int = 5  # of a window's events, in time
+    channels: int = 24  # of each level
+    levels: int = 4  # each has half the resolution of the one before
 
     @staticmethod
     def of(fields: Fields) -> NetworkConfig:
         """Reads `network` of config.json or of an ONNX file's record."""
-        found = record(NetworkConfig, fields)
-        if found.kind not in KINDS:
-            raise fields.wrong("kind", f"one of {', '.join(KINDS)}")
-        return found
+        return record(NetworkConfig, fields)

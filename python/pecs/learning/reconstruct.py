@@ -22,14 +22,16 @@ from .filter import HighPass
 from .limits import WHOLE, NetworkConfig
 from .video import Range, VideoWriter
 
-NETWORK_FORMAT = "1"
+NETWORK_FORMAT = "2"
 STATE = "state"  # prefix of the names of a network's states: state_NUMBER_LEVEL
 _STATE_NAME = re.compile(rf"{STATE}_[0-9]{{1,3}}_([0-9])")
 MOST_CHANNELS = WHOLE["channels"][1] << 10  # of a state
 MOST_WINDOWS = 1_000_000  # pictures of a video
 MOST_BYTES = 1 << 30  # of a network
-METHODS = ("filter", "firenet", "e2vid")
-WEIGHTS = Path(__file__).with_name("firenet.onnx")  # the network that PECS includes; firenet.json records its training
+USUAL_US = 20_000.0  # length of a window
+CUTOFF_HZ = 1.0
+METHODS = ("network", "filter")
+WEIGHTS = Path(__file__).with_name("network.onnx")  # the network that PECS includes; its record is inside
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,14 @@ def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
         yield Window(begin_us, begin_us + length_us, np.concatenate([np.empty(0, EVENT_DTYPE), *kept]))
 
 
+def compressed(grid: NDArray[np.float32], window_us: float) -> NDArray[np.float32]:
+    """Planes that a network takes, [..., bins + 1, H, W], from the voxel grids [..., bins, H, W] of windows of this
+    length: sign(v) ln(1 + |v|), so that a hot pixel is no outlier, and a plane of the length."""
+    values = np.sign(grid) * np.log1p(np.abs(grid))
+    shape = (*grid.shape[:-3], 1, *grid.shape[-2:])
+    return np.concatenate([values, np.full(shape, np.log10(window_us / USUAL_US), np.float32)], -3)
+
+
 class Method(Protocol):
     """The picture at the end of a window: [H, W], 0 … 1."""
 
@@ -84,12 +94,14 @@ class Filter:
 
 
 class Network:
-    """A network as `pecs train` writes it: inputs `events` [1, bins, H, W] and its states, outputs `picture`
-    [1, 1, H, W] and the next states."""
+    """A network as `pecs train` writes it: inputs `planes` [1, bins + 1, H, W] (`compressed`) and its states, outputs
+    `picture` [1, 1, H, W] and the next states."""
+
+    kind = "network"
 
     def __init__(self, path: Path, width: int, height: int, threads: int = 0):
         model = _network_bytes(path)
-        runtime = optional_module("onnxruntime", "onnxruntime", "a network", "learning")
+        runtime = optional_module("onnxruntime", "onnxruntime", "reconstruct without --method filter", "learning")
         runtime.set_default_logger_severity(4)  # its errors are exceptions, too
         options = runtime.SessionOptions()
         options.intra_op_num_threads = threads
@@ -107,7 +119,7 @@ class Network:
             )
         record = Fields(parse_json(said.get("record", ""), f"{path}: record"), path, "record")
         config = NetworkConfig.of(record.table("network"))
-        self._path, self.record, self.kind = path, record.content, config.kind
+        self._path, self.record = path, record.content
         self._bins, self._size = config.bins, (height, width)
         step = 2**config.levels
         self._pad = -height % step, -width % step
@@ -124,17 +136,17 @@ class Network:
                 size = (n + more >> int(name[1]) for n, more in zip(self._size, self._pad, strict=True))
                 found[entry.name] = np.zeros([1, channels, *size], np.float32)
         names = [entry.name for entry in inputs]
-        if names != ["events", *found] or len(self._session.get_outputs()) != len(names):
-            raise bad_input(self._path, "inputs", names, f"events, and states such as {STATE}_0_1")
+        if names != ["planes", *found] or len(self._session.get_outputs()) != len(names):
+            raise bad_input(self._path, "inputs", names, f"planes, and states such as {STATE}_0_1")
         return found
 
     def __call__(self, window: Window) -> NDArray[np.float64]:
         height, width = self._size
-        ends = {"begin_us": window.begin_us, "end_us": window.end_us}
-        grid = voxel_grid(window.events, width, height, self._bins, **ends, normalise=True)
+        grid = voxel_grid(window.events, width, height, self._bins, window.begin_us, window.end_us)
         grid = np.pad(grid, ((0, 0), *((0, n) for n in self._pad)))
+        planes = compressed(grid, window.end_us - window.begin_us)[None]
         try:
-            picture, *states = self._session.run(None, {"events": grid[None], **self._states})
+            picture, *states = self._session.run(None, {"planes": planes, **self._states})
         except Exception as e:  # ONNX Runtime raises many types
             raise PecsInputError(f"{self._path}: {_first_line(e)}, wanted a network that runs") from None
         shapes = [(1, 1, *grid.shape[1:]), *(state.shape for state in self._states.values())]
@@ -173,10 +185,10 @@ def reconstruct(
     source: str | PathLike[str],
     output: str | PathLike[str],
     *,
-    method: str | None = None,
+    method: str = METHODS[0],
     weights: str | PathLike[str] | None = None,
     fps: float = 50.0,
-    cutoff_hz: float = 1.0,
+    cutoff_hz: float | None = None,
     playback_fps: float | None = None,
     size: tuple[int, int] | None = None,
     threads: int = 0,
@@ -184,21 +196,21 @@ def reconstruct(
 ) -> dict[str, Any]:
     """A video of an event file, `fps` pictures per second of the recording, shown at `playback_fps` (fps if None).
 
-    method: one of `METHODS`; None: the network of `weights`, without them the filter, with its `cutoff_hz`. weights: a
-    network (.onnx); None: for "firenet" the one that ships. size: width and height, for a file that does not
-    say. progress: called with the number of pictures so far. Returns what was done.
+    method: one of `METHODS`. weights: a network (.onnx); None: the one that PECS includes. cutoff_hz: of the filter;
+    None: `CUTOFF_HZ`. size: width and height, for a file that does not say. progress: called with the number of
+    pictures so far. Returns what was done.
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
     source, output = Path(source), Path(output)
-    chosen = _weights(method, weights)
+    chosen = _weights(method, weights, cutoff_hz)
     check_outputs([source, chosen], [output])
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
-        make: Method = Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz)
-        if isinstance(make, Network) and method not in (None, make.kind):
-            raise bad_input(chosen or source, "network", make.kind, f"{method}, as --method says")
+        make: Method = (
+            Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz or CUTOFF_HZ)
+        )
         found, events = windows(reader, 1e6 / fps), 0
         first = next(found, None)  # a recording that has none leaves no unfinished video
         if first is None:
@@ -222,17 +234,17 @@ def reconstruct(
             }
 
 
-def _weights(method: str | None, weights: str | PathLike[str] | None) -> Path | None:
+def _weights(method: str, weights: str | PathLike[str] | None, cutoff_hz: float | None) -> Path | None:
     """None: the filter."""
-    if method not in (None, *METHODS):
+    if method not in METHODS:
         raise UsageError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}")
-    if method == "filter" and weights is not None:
-        raise UsageError(f"--weights {weights}: the filter has no weights")
-    if method == "e2vid" and weights is None:
-        raise UsageError("--method e2vid requires --weights, a network of `pecs train --network e2vid`")
-    if weights is not None:
-        return Path(weights)
-    return WEIGHTS if method == "firenet" else None
+    if method == "filter":
+        if weights is not None:
+            raise UsageError(f"--weights {weights}: the filter has no weights")
+        return None
+    if cutoff_hz is not None:
+        raise UsageError(f"--cutoff {cutoff_hz:g}Hz: the network has no cutoff frequency (--method filter has one)")
+    return WEIGHTS if weights is None else Path(weights)
 
 
 def _inside(source: Path, events: NDArray[np.void], width: int, height: int) -> None:

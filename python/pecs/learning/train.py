@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -19,14 +19,15 @@ from .._config import Fields, read_json
 from .._errors import PecsError, PecsInputError, PecsOutputError, UsageError, bad_input, existing
 from .._files import lock_file, read_text, write_json, write_text, write_whole
 from .._library import version
-from .clips import Augmentation, ClipConfig, Clips, Recording
+from .clips import Augmentation, ClipConfig, Clips, Source
 from .limits import NetworkConfig, record
-from .losses import ms_ssim, temporal
+from .losses import ssim
 from .lpips import Lpips
-from .networks import network, start_states
+from .networks import RecurrentUNet, start_states
 from .tensors import load_tensors
 
 CONFIG, CHECKPOINT, LOG = "config.json", "checkpoint.pt", "log.csv"
+BLIND, WARM = 5, 30  # windows at the begin of a clip; first steps, over which the learning rate rises
 MOST_LOG = 1 << 30  # bytes
 
 
@@ -34,19 +35,18 @@ MOST_LOG = 1 << 30  # bytes
 class TrainConfig:
     network: NetworkConfig = field(default_factory=NetworkConfig)
     clips: ClipConfig = field(default_factory=ClipConfig)
-    steps: int = 500
-    batch: int = 4
-    learning_rate: float = 1e-3
-    decay_steps: int = 0  # last steps, over which the learning rate falls to 0
-    ssim_weight: float = 1.0  # weight of 1 - MS-SSIM, which is added to L1
-    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and MS-SSIM
-    temporal_weight: float = 1.0
+    steps: int = 700
+    batch: int = 2
+    learning_rate: float = 2e-3
+    decay_steps: int = 350  # last steps, over which the learning rate falls to 0
+    ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
+    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
     save_every: int = 50
     seed: int = 1
 
     def rate(self, step: int) -> float:
         """The learning rate of a step, counted from 0."""
-        return self.learning_rate * min(1.0, (self.steps - step) / (self.decay_steps + 1))
+        return self.learning_rate * min(1.0, (step + 1) / WARM, (self.steps - step) / (self.decay_steps + 1))
 
     @staticmethod
     def of(fields: Fields) -> TrainConfig:
@@ -63,50 +63,51 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class Losses:
-    """parts: l1, ms_ssim, temporal, and lpips if it is used."""
+    """parts: l1, ssim, and lpips if it is used."""
 
     loss: Tensor
     parts: dict[str, float]
 
 
-def clip_losses(net: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
-    """Mean over a clip's windows; the network starts with zero states."""
-    grid, truth = item["grid"], item["picture"]
-    states = start_states(net, len(grid), *grid.shape[-2:])
-    found: dict[str, list[Tensor]] = {"l1": [], "ms_ssim": [], "temporal": []} | ({"lpips": []} if lpips else {})
-    before, truth_before = None, item["before"]
-    for k in range(grid.shape[1]):
-        picture, states = net(grid[:, k], states)
-        found["l1"].append((picture - truth[:, k]).abs().mean())
-        found["ms_ssim"].append(ms_ssim(picture, truth[:, k]))
-        if lpips:
-            found["lpips"].append(lpips(picture, truth[:, k]).mean())
-        if before is not None and config.temporal_weight:
-            moved = temporal(picture, before, truth[:, k], truth_before, item["flow_back"][:, k])
-            found["temporal"].append(moved)
-        before, truth_before = picture, truth[:, k]
-    parts = {name: torch.stack(values).mean() if values else grid.new_zeros(()) for name, values in found.items()}
-    look = parts["lpips"] if lpips else parts["l1"] + config.ssim_weight * (1 - parts["ms_ssim"])
-    loss = look + config.temporal_weight * parts["temporal"]
+def losses_of(pictures: Tensor, truth: Tensor, config: TrainConfig, lpips: Lpips | None = None) -> Losses:
+    """Of pictures [N, 1, H, W]."""
+    parts = {"l1": (pictures - truth).abs().mean(), "ssim": ssim(pictures, truth)}
+    if lpips:
+        parts["lpips"] = lpips(pictures, truth).mean()
+    loss = parts["lpips"] if lpips else parts["l1"] + config.ssim_weight * (1 - parts["ssim"])
     return Losses(loss, {name: float(value.detach()) for name, value in parts.items()})
 
 
 def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
-    """One step. Raises FloatingPointError, before the network changes, if the loss or its gradient is not finite."""
-    losses = clip_losses(net, item, config, lpips)
-    if not math.isfinite(float(losses.loss)):
-        raise FloatingPointError(f"loss: got {float(losses.loss)}")
-    optimiser.zero_grad()
-    losses.loss.backward()
-    norm = float(torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0))
-    if not math.isfinite(norm):
-        raise FloatingPointError(f"gradient of the loss: got {norm}")
-    optimiser.step()
+    """One step: the windows of the clips in chunks, whose gradients change the network, and which hand the state on.
+    The first windows of a clip, before anything is known, do not count. Returns the losses of the last chunk.
+    Raises FloatingPointError, before the network changes, if the loss or its gradient is not finite."""
+    planes, truth = item["planes"], item["picture"]
+    states = start_states(net, len(planes), *planes.shape[-2:])
+    losses, chunk = None, config.clips.chunk
+    for first in range(0, planes.shape[1], chunk):
+        pictures = []
+        for k in range(first, min(first + chunk, planes.shape[1])):
+            picture, states = net(planes[:, k], states)
+            pictures.append(picture)
+        skip = 0 if first else min(BLIND, len(pictures) - 1)
+        wanted = truth[:, first + skip : first + len(pictures)].transpose(0, 1)
+        losses = losses_of(torch.cat(pictures[skip:]), wanted.flatten(0, 1), config, lpips)
+        if not math.isfinite(float(losses.loss)):
+            raise FloatingPointError(f"loss: got {float(losses.loss)}")
+        optimiser.zero_grad()
+        losses.loss.backward()
+        norm = float(torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0))
+        if not math.isfinite(norm):
+            raise FloatingPointError(f"gradient of the loss: got {norm}")
+        optimiser.step()
+        states = [state.detach() for state in states]
+    assert losses
     return losses
 
 
 def train(
-    sources: list[Recording],
+    sources: Sequence[Source],
     run: Path,
     config: TrainConfig,
     *,
@@ -129,7 +130,7 @@ def train(
 
 
 def _train(
-    sources: list[Recording],
+    sources: Sequence[Source],
     run: Path,
     config: TrainConfig,
     lpips: Lpips | None,
@@ -138,11 +139,11 @@ def _train(
     progress: Callable[[int, float], None] | None,
 ) -> Any:
     torch.manual_seed(config.seed)
-    net = network(config.network).to(device)
+    net = RecurrentUNet(config.network).to(device)
     optimiser = torch.optim.Adam(net.parameters(), config.learning_rate)
     step = _resume(run, net, optimiser, device)
     # Items depend on their number alone, so that a continued run uses the same ones as an uninterrupted run.
-    clips = Clips(sources, config.clips, config.seed, config.steps * config.batch)
+    clips = Clips(sources, config.clips, config.network.bins, config.seed, config.steps * config.batch)
     left = torch.utils.data.Subset(clips, range(step * config.batch, len(clips)))
     loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
     log, saved = _Log(run, step), step
@@ -235,7 +236,7 @@ def _load(path: Path, device: str, net: Any) -> dict[str, Any]:
         if type(step := found["step"]) is not int or step < 0 or not isinstance(found["optimiser"], dict):
             raise ValueError(f"step {step!r}")
     except Exception as e:  # of many kinds
-        wanted = f"a checkpoint of the {net.config.kind} that {CONFIG} says"
+        wanted = f"a checkpoint of the network that {CONFIG} says"
         raise PecsInputError(f"{path}: {_why(e)}, wanted {wanted}") from None
     return found
 
@@ -255,7 +256,7 @@ def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
 def trained(run: Path) -> tuple[Any, dict[str, Any]]:
     """The trained network of a folder, and its record."""
     top = _config(run)
-    net = network(TrainConfig.of(top.table("config")).network)
+    net = RecurrentUNet(TrainConfig.of(top.table("config")).network)
     found = _load(run / CHECKPOINT, "cpu", net)
     return net.eval(), top.content | {"step": found["step"]}
 

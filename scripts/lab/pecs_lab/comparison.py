@@ -14,7 +14,7 @@ import numpy as np
 from pecs import Chip, Light, sense
 from pecs._files import write_json
 from pecs.datasets.sequence import Camera, Sequence, sequences
-from pecs.learning.clips import WHITE_PERCENTILE
+from pecs.learning.clips import WHITE
 
 from . import report
 
@@ -63,7 +63,7 @@ class Comparison:
             chip = Chip(name, overrides={"peak_qe": overrides["peak_qe"]})
             with Light(camera.folder / "stack", chip, threads=1) as stack:
                 values = stack.at(camera.truth.times_us[::10])
-            given |= {"white_a": float(np.percentile(values, WHITE_PERCENTILE)), "readout": "ideal"}
+            given |= {"white_a": float(np.percentile(values, WHITE)), "readout": "ideal"}
         output.parent.mkdir(parents=True, exist_ok=True)
         more = {"format": "dsec", "duration_us": sequence.duration_us, "threads": 1}
         seed = 1 + 100 * draw + int(sequence.name)

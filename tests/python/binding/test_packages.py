@@ -132,7 +132,7 @@ def test_tag_and_contents(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert [n for n in names if "libpecs" in n] == ["pecs/_lib/libpecs.so"]  # a zip has no links
     data = "pecs/_lib/share/pecs"
-    weights = "pecs/learning/firenet.onnx", "pecs/learning/firenet.json"
+    weights = ("pecs/learning/network.onnx",)
     for name in (
         *weights,
         "pecs/py.typed",

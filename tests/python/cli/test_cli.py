@@ -197,7 +197,10 @@ def test_quiet_and_verbose(pecs_program, tmp_path):
         (["info", "e.csv"], "info: FILE: e.csv"),
         (["lens", "info", "pecs_lab_15mm", "--focus", "50cm"], "lens info: focus: 0.5m"),
         (["view", "e.csv", "-o", "e.png"], "view: input: e.csv"),
-        (["reconstruct", "e.csv", "-o", "light.mp4", "--size", "64x32"], "reconstruct: cutoff: 1.0"),
+        (
+            ["reconstruct", "e.csv", "-o", "light.mp4", "--size", "64x32", "--method", "filter"],
+            "reconstruct: method: filter",
+        ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

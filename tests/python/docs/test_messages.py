@@ -38,7 +38,7 @@ COMMANDS = [
     ("sense", "empty", "--fps", "10", "-o", "a.raw"),
     ("lens", "info", "nolens"),
     ("fit", "--still", "out.raw=1", "-o", "c.json"),
-    ("reconstruct", "out.raw", "-o", "v.mp4", "--method", "firenet"),
+    ("reconstruct", "out.raw", "-o", "v.mp4"),
     ARRAYS.format("(3, 4, 4, 3)", "[0, 1, 2]"),
     ARRAYS.format("(3, 4, 4), int", "[0, 1, 2]"),
     ARRAYS.format("(3, 4, 4)", "[0, 0.001, 0.002]"),

@@ -119,7 +119,9 @@ def test_what_a_list_does_not_have_is_a_fault(sealed, tmp_path):
 
 @pytest.mark.parametrize("words", [("--threads", "100000"), ("--threads", "-1"), ("--size", "99999x99999")])
 def test_options_have_limits(recording, words, tmp_path):
-    refused(learning("reconstruct", recording, "-o", tmp_path / "v.mp4", *words), 2, words[0], "got")
+    refused(
+        learning("reconstruct", recording, "-o", tmp_path / "v.mp4", "--method", "filter", *words), 2, words[0], "got"
+    )
 
 
 def test_whole_numbers():
@@ -134,7 +136,18 @@ def test_one_wrong_time_makes_no_endless_video(tmp_path):
     for last, fps in ((2**62, 1000), (MOST_WINDOWS * 1000 + 2000, 1000)):
         far["t"][1] = last
         pecs.write(tmp_path / "far.csv", far)
-        result = learning("reconstruct", tmp_path / "far.csv", "-o", tmp_path / "v.mp4", "--fps", fps, "--size", "4x4")
+        result = learning(
+            "reconstruct",
+            tmp_path / "far.csv",
+            "-o",
+            tmp_path / "v.mp4",
+            "--fps",
+            fps,
+            "--size",
+            "4x4",
+            "--method",
+            "filter",
+        )
         refused(result, 4, f"wanted at most {MOST_WINDOWS}")
     assert [p.name for p in tmp_path.iterdir()] == ["far.csv"]
 

@@ -25,7 +25,10 @@ page = partial(run_module, "pecs.fit.page", check=False)
 datasets = partial(run_module, "pecs.datasets", check=False)
 COMMANDS = {  # of files: name of the output, command
     "stimulus": ("o.html", lambda recording, output: page("-o", output)),
-    "reconstruct": ("o.mp4", lambda recording, output: learning("reconstruct", recording, "-o", output)),
+    "reconstruct": (
+        "o.mp4",
+        lambda recording, output: learning("reconstruct", recording, "-o", output, "--method", "filter"),
+    ),
 }
 
 
@@ -147,7 +150,7 @@ def test_an_output_that_is_an_input_is_refused(recording, tmp_path):
 def folders(recording, sequence, tmp_path):
     """Commands that write a folder."""
     set_ = sequence.folder.parents[1]
-    yield lambda output: learning("reconstruct", recording, "-o", output)
+    yield lambda output: learning("reconstruct", recording, "-o", output, "--method", "filter")
     yield lambda output: datasets(set_, "--export", "coco", "-o", output)
 
 

@@ -1,15 +1,12 @@
 """pecs.learning without PyTorch: the filter and pictures of event files."""
 
-from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 
 import cv2
 import numpy as np
 import pecs
 import pytest
 from pecs.learning.filter import HighPass
-from pecs.learning.footage import Footage, read_footage
 from pecs.learning.reconstruct import windows
 from pecs.learning.video import Range
 from pecs_lab.disk import Disk, edges
@@ -60,11 +57,11 @@ def test_the_range_follows_slowly():
 def test_video_and_pictures(recording, tmp_path):
     path, events = recording
     count = int((events["t"][-1] - events["t"][0]) // 20_000) + 1
-    learning("reconstruct", path, "-o", tmp_path / "v.mp4")
+    learning("reconstruct", path, "-o", tmp_path / "v.mp4", "--method", "filter")
     video = cv2.VideoCapture(str(tmp_path / "v.mp4"))
     assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (W, H)
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == count and video.get(cv2.CAP_PROP_FPS) == 50
-    learning("reconstruct", path, "-o", tmp_path / "p", "--fps", 50)
+    learning("reconstruct", path, "-o", tmp_path / "p", "--fps", 50, "--method", "filter")
     pictures = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((tmp_path / "p").iterdir())]
     assert len(pictures) == count and all(p.shape == (H, W) and p.dtype == np.uint8 for p in pictures)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["p", "v.mp4"]
@@ -88,74 +85,12 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         ((path, "-o", tmp_path / "x.mp4", "--size", "40x30"), 4, "wanted one of 40 x 30"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
-        ((path, "-o", tmp_path / "x.mp4", "--method", "e2vid"), 2, "requires --weights"),
+        ((path, "-o", tmp_path / "x.mp4", "--cutoff", "5Hz"), 2, "no cutoff frequency"),
     ):
         result = learning("reconstruct", *words, check=False)
         said = result.stderr.strip().splitlines()
         assert result.returncode == code and len(said) == 1 and line in said[0], (words, result.stderr)
     assert {p.suffix for p in tmp_path.glob("x*")} <= {".partial"}
-
-
-def same_footage(one, other):
-    assert one.size == other.size == (W, H)
-    np.testing.assert_array_equal(one.pictures, other.pictures)
-    np.testing.assert_array_equal(one.events, other.events)
-    np.testing.assert_allclose(one.times_us, other.times_us, atol=1e-3)
-
-
-@pytest.fixture
-def footage(recording):
-    _, events = recording
-    times = 1_005_000 + 50_000.0 * np.arange(4)
-    pictures = np.random.default_rng(2).integers(0, 256, (4, H, W), np.uint8)
-    return Footage("own", events, times, pictures)
-
-
-def test_footage_in_the_layout_of_evreal(footage, tmp_path):
-    events = footage.events
-    for name, values in (
-        ("events_ts", events["t"] * 1e-6),
-        ("events_xy", np.stack([events["x"], events["y"]], 1).astype(np.int16)),
-        ("events_p", events["p"] > 0),
-        ("images", footage.pictures[..., None]),
-        ("images_ts", footage.times_us[:, None] * 1e-6),
-    ):
-        np.save(tmp_path / f"{name}.npy", values)
-    found = read_footage(tmp_path)
-    same_footage(found, footage)
-    parts = found.windows
-    assert [(w.begin_us, w.end_us) for w in parts] == list(pairwise(found.times_us.tolist()))
-    for w in parts:
-        inside = events[(events["t"] >= w.begin_us) & (events["t"] < w.end_us)]
-        np.testing.assert_array_equal(w.events, inside)
-    np.save(tmp_path / "images.npy", footage.pictures[:, :-1])
-    with pytest.raises(pecs.PecsInputError, match=f"pixel: got .*wanted one of {W} x {H - 1}"):
-        read_footage(tmp_path)
-
-
-def test_footage_in_the_layout_of_hs_ergb(footage, tmp_path):
-    """Events of remapped pixels, in files between pictures; one picture more than times."""
-    images, parts = tmp_path / "images_corrected", tmp_path / "events_aligned"
-    images.mkdir(), parts.mkdir()
-    for k, picture in enumerate([*footage.pictures, footage.pictures[0]]):
-        cv2.imwrite(str(images / f"{k:06d}.png"), np.repeat(picture[..., None], 3, 2))
-    (images / "timestamp.txt").write_text("".join(f"{t}\n" for t in footage.times_us))
-    events = footage.events
-    for k, part in enumerate(np.array_split(events, 3)):
-        x, y = (part[c].astype(np.uint16) * 32 + k for c in "xy")
-        if k == 2:
-            x[0] = 40_000  # carried out of the picture
-        columns = {"x": x, "y": y, "t": part["t"].astype(float), "p": part["p"]}
-        if k == 1:  # as later sets have it
-            columns = {"x": x, "y": y, "timestamp": part["t"], "polarity": part["p"].astype(bool)}
-        np.savez(parts / f"{k:06d}.npz", **columns)
-    lost = sum(len(part) for part in np.array_split(events, 3)[:2])
-    same_footage(read_footage(tmp_path), replace(footage, events=np.delete(events, lost)))
-    np.savez(parts / "000003.npz", x=x)
-    with pytest.raises(pecs.PecsInputError, match="000003.npz: arrays"):
-        read_footage(tmp_path)
-    with pytest.raises(pecs.PecsInputError, match="EVREAL"):
-        read_footage(images)
 
 
 def test_edges_of_a_drawn_disk():

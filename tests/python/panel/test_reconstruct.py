@@ -37,7 +37,7 @@ def pictures(path):
 
 
 def test_it_is_what_reconstruct_writes(events, tmp_path):
-    words = (events, "--fps", "500Hz", "--playback-fps", 25, "--cutoff", "5Hz")
+    words = (events, "--fps", "500Hz", "--playback-fps", 25, "--method", "filter", "--cutoff", "5Hz")
     said = pecs_blender("reconstruct", *words, "-o", tmp_path / "b.mp4", "--quiet")
     assert said.stdout == f"{tmp_path / 'b.mp4'}: 20 pictures of 64 x 48, by filter\n" and said.stderr == ""
     command = [sys.executable, "-m", "pecs.learning", "reconstruct", *words, "-o", tmp_path / "p.mp4", "--quiet"]
