@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._c_types import DOUBLE, INT, INT64, POINTER, unmasked
+from ._config import parse_json
 from ._errors import ExitCode, PecsError, PecsNotFoundError, UsageError, existing, one_line
 
 _FLOAT_POINTER, _DOUBLE_POINTER = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(DOUBLE)
@@ -54,7 +55,7 @@ class _Models:
 
     def begin(self, setup_json: bytes) -> int:
         """The number of a new instance, from 1 on."""
-        setup = json.loads(setup_json)
+        setup = parse_json(setup_json, "setup")
         chip = {key: entry["value"] for key, entry in setup["chip"]["values"].items()}
         given = SimpleNamespace(width=setup["width"], height=setup["height"], seed=setup["seed"], chip=chip)
         instance = self.model(given, **setup["parameters"])
