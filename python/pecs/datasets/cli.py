@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._arguments import THREADS, Parser, Whole
 from .._command import answer
 from .._errors import PecsOutputError, UsageError, bad_input
-from .._files import existing_folder, write_text
+from .._files import existing_folder, read_text, write_text
 from .._progress import Line
 from . import manifest, recipe, recipe_check, report, run, scene_cameras, writers
 from .card import write_cards
@@ -103,7 +103,7 @@ def _run(args: argparse.Namespace) -> None:
 
 def _keep(path: Path, text: str, write: bool) -> None:
     """Prints the recipe of a .blend, and writes it into the set."""
-    if path.exists() and path.read_text() != text:
+    if path.exists() and read_text(path, len(text.encode()) + 1_000_000) != text:
         message = f"{path}: the recipe of another .blend, or of this one before an edit; choose another folder, or run"
         raise PecsOutputError(f"{message} pecs dataset {path} -o {path.parent}")
     print(text)
