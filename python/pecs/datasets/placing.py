@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from .._config import read_json
+from .._files import read_text
 from .table import Table, Value, key, optional
 
 MOST_BYTES = 1 << 28  # of a .gltf
@@ -153,7 +154,7 @@ def _named(file: Path, *words: str) -> list[str]:
     """Last words of the lines of a text that begin with one of these."""
     if not file.is_file():
         return []
-    lines = (line.split() for line in file.read_text(errors="replace").splitlines())
+    lines = (line.split() for line in read_text(file, 1 << 32, "an .obj or .mtl file").splitlines())
     return [line[-1] for line in lines if len(line) > 1 and line[0].lower().startswith(words)]
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import _poses as poses
+from .._config import parse_json
 from .._errors import PecsInputError, bad_input
 from . import rig, trajectories
 from .blender import printed
@@ -84,7 +85,8 @@ def of(blend: Path, allow_scripts: bool) -> SceneCameras:
 
 @cache
 def _read(blend: Path, _changed_ns: int, allow_scripts: bool) -> SceneCameras:
-    found = json.loads(printed("cameras", blend, *(["--allow-scripts"] if allow_scripts else [])))
+    text = printed("cameras", blend, *(["--allow-scripts"] if allow_scripts else []))
+    found = parse_json(text, "pecs_blender cameras")
     cameras = {}
     for name, one in found["cameras"].items():
         rows = np.array(one.pop("poses"), float)
