@@ -27,8 +27,8 @@ MARK = ".pecs_partial"  # in a folder that is being written: it is ours, and its
 # Inputs
 
 
-def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
-    """UTF-8 text. `wanted` names the expected content in errors."""
+def read_bytes(path: Path, max_bytes: int) -> bytes:
+    """All of a file of at most so many bytes."""
     try:
         with path.open("rb") as file:
             data = file.read(max_bytes + 1)
@@ -36,8 +36,13 @@ def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
         raise PecsNotFoundError(f"{path}: {e.strerror or e}") from None
     if len(data) > max_bytes:
         raise bad_input(path, "", f"more than {max_bytes} bytes", "a smaller file")
+    return data
+
+
+def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
+    """UTF-8 text. `wanted` names the expected content in errors."""
     try:
-        return data.decode()
+        return read_bytes(path, max_bytes).decode()
     except UnicodeDecodeError as e:
         raise bad_input(path, f"byte {e.start}", "invalid UTF-8", f"{wanted} in UTF-8") from None
 

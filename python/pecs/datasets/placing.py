@@ -12,10 +12,10 @@ from urllib.parse import unquote
 import numpy as np
 
 from .._config import read_json
-from .._files import read_text
+from .._files import read_bytes
 from .table import Table, Value, key, optional
 
-MOST_BYTES = 1 << 28  # of a .gltf
+MOST_BYTES, MOST_TEXT = 1 << 28, 1 << 32  # bytes of a .gltf; of an .obj
 Rng = Callable[[str], np.random.Generator]
 
 
@@ -154,7 +154,7 @@ def _named(file: Path, *words: str) -> list[str]:
     """Last words of the lines of a text that begin with one of these."""
     if not file.is_file():
         return []
-    lines = (line.split() for line in read_text(file, 1 << 32, "an .obj or .mtl file").splitlines())
+    lines = (line.split() for line in read_bytes(file, MOST_TEXT).decode(errors="replace").splitlines())
     return [line[-1] for line in lines if len(line) > 1 and line[0].lower().startswith(words)]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,16 +13,15 @@ from .._command import answer
 from .._errors import PecsNotFoundError, UsageError, optional_module
 from .._files import check_outputs
 from .._progress import Line, for_a_program
+from ..chip import models
 from ..events import EventReader
-from .limits import WHOLE
+from .limits import WHOLE, ClipConfig, NetworkConfig, ProceduralConfig, TrainConfig
 from .reconstruct import CUTOFF_HZ, METHODS
 
 if TYPE_CHECKING:
     from .clips import Source
 
 NETWORK = "network.onnx"
-MODELS = ("pecs", "esim", "v2e", "voltmeter", "icns")
-CHUNK = 16  # windows that gradients pass through
 MOST_PX = 8192
 RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
@@ -57,6 +55,13 @@ def _positive(text: str) -> float:
     return value
 
 
+def _model(text: str) -> str:
+    names = [model["name"] for model in models()]
+    if text not in names:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted one of {', '.join(names)}")
+    return text
+
+
 def _parser() -> Parser:
     parser = Parser(prog="pecs", description="Video from events.", examples=[*RECONSTRUCT, *TRAIN])
     commands = parser.add_commands()
@@ -85,19 +90,28 @@ def _parser() -> Parser:
     one.add_argument("set", type=Path, nargs="?", help=about)
     one.add_argument("-o", "--output", type=Path, required=True, help="folder of the run; an existing run continues")
     one.add_argument("--split", help="split of the data set's sequences (default: train)")
-    one.add_argument("--sequences", type=Whole(1, 100_000), help="number of drawn sequences (default: 280)")
-    one.add_argument("--model", choices=MODELS, help="pixel model of drawn sequences (default: pecs)")
-    one.add_argument("--channels", type=whole["channels"], default=24, help="channels of each level of the network")
-    one.add_argument("--steps", type=whole["steps"], default=700, help="steps of training")
-    one.add_argument("--batch", type=whole["batch"], default=2, help="clips per step")
-    one.add_argument("--windows", type=whole["windows"], default=48, help="windows of a clip")
-    one.add_argument("--crop", type=whole["crop"], default=112, help="width and height of a clip, in pixels")
-    one.add_argument("--learning-rate", type=_positive, default=2e-3, help="learning rate of Adam")
+    one.add_argument(
+        "--sequences", type=Whole(1, 100_000), help=f"number of drawn sequences (default: {ProceduralConfig.count})"
+    )
+    one.add_argument("--model", type=_model, help=f"pixel model of drawn sequences (default: {ProceduralConfig.model})")
+    one.add_argument(
+        "--channels",
+        type=whole["channels"],
+        default=NetworkConfig.channels,
+        help="channels of each level of the network",
+    )
+    one.add_argument("--steps", type=whole["steps"], default=TrainConfig.steps, help="steps of training")
+    one.add_argument("--batch", type=whole["batch"], default=TrainConfig.batch, help="clips per step")
+    one.add_argument("--windows", type=whole["windows"], default=ClipConfig.windows, help="windows of a clip")
+    one.add_argument(
+        "--crop", type=whole["crop"], default=ClipConfig.crop, help="width and height of a clip, in pixels"
+    )
+    one.add_argument("--learning-rate", type=_positive, default=TrainConfig.learning_rate, help="learning rate of Adam")
     about = "last steps, with a falling learning rate (default: half of the steps)"
     one.add_argument("--decay-steps", type=whole["decay_steps"], help=about)
     about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and SSIM"
     one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
-    one.add_argument("--seed", type=SEED, default=1, help="seed of clips and first weights")
+    one.add_argument("--seed", type=SEED, default=TrainConfig.seed, help="seed of clips and first weights")
     one.add_argument("--workers", type=Whole(0, 256), default=0, help="processes that read clips; 0: this one")
     one.add_argument("--device", default="cpu", help="device of PyTorch: cpu, cuda")
     one.set_defaults(run=_train)
@@ -138,17 +152,15 @@ def _windows(path: Path, fps: float) -> int:
 def _train(args: argparse.Namespace) -> None:
     for name, package in (("torch", "PyTorch"), ("onnx", "onnx")):
         optional_module(name, package, "training", "learning")
-    from .clips import ClipConfig
     from .export import export
-    from .networks import NetworkConfig
-    from .train import TrainConfig, train
+    from .train import train
 
     for name in ("sequences", "model") if args.set else ("split",):
         if getattr(args, name) is not None:
             raise UsageError(f"train: --{name} {'does not go with' if args.set else 'requires'} a data set")
     config = TrainConfig(
         NetworkConfig(channels=args.channels),
-        dataclasses.replace(ClipConfig(), windows=args.windows, chunk=min(CHUNK, args.windows), crop=args.crop),
+        ClipConfig(args.windows, min(ClipConfig.chunk, args.windows), args.crop),
         args.steps,
         args.batch,
         args.learning_rate,
@@ -184,7 +196,7 @@ def _rendered(args: argparse.Namespace) -> Sequence[Source]:
 
 
 def _drawn(args: argparse.Namespace, line: Line) -> Sequence[Source]:
-    from .procedural import ProceduralConfig, sequences
+    from .procedural import sequences
 
     given = {"count": args.sequences, "model": args.model}
     config = ProceduralConfig(**{name: value for name, value in given.items() if value is not None})

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -18,6 +16,7 @@ from ..datasets.sequence import Camera
 from ..datasets.sequence import Sequence as SetSequence
 from ..light import Light
 from ..representations import voxel_grid
+from .limits import Augmentation, ClipConfig
 from .reconstruct import compressed
 
 BLACK, WHITE = 1.0, 99.0  # percentiles of a recording's light
@@ -33,25 +32,6 @@ class Source(Protocol):
     def times_us(self) -> NDArray[Any]: ...
     @property
     def pictures(self) -> NDArray[np.uint8]: ...
-
-
-@dataclass(frozen=True)
-class Augmentation:
-    """Faults of cameras that the simulation of a sequence has not. Each clip draws its own, up to these."""
-
-    flip: bool = True
-    noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
-    bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
-
-
-@dataclass(frozen=True)
-class ClipConfig:
-    """chunk: windows that gradients pass through; the state passes through all."""
-
-    windows: int = 48
-    chunk: int = 16
-    crop: int = 112
-    augmentation: Augmentation | None = Augmentation()
 
 
 def eight_bit(light: NDArray[Any]) -> NDArray[np.uint8]:
@@ -71,13 +51,6 @@ class Recording:
         if not (camera.folder / "stack" / "stack.json").is_file():
             raise bad_input(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
         self.camera, self.events, self.times_us = camera, camera.events(), camera.truth.times_us
-
-    def with_events(self, events: NDArray[Any]) -> Recording:
-        """The same light with the events of another sensor."""
-        other = copy.copy(self)
-        other.__dict__["pictures"] = self.pictures  # shared: they are read once
-        other.events = events
-        return other
 
     @cached_property
     def pictures(self) -> NDArray[np.uint8]:

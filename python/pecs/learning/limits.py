@@ -1,4 +1,5 @@
-"""Limits of networks and of their training: the same for options, a run's config.json and a network's record."""
+"""Values of networks and of their training, and their limits: the same for options, a run's config.json and a network's
+record."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from typing import Any, TypeVar
 from .._config import MAX_INTEGER, Fields
 
 T = TypeVar("T")
+WARM = 30  # first steps, over which the learning rate rises
 SSIM_WINDOW = 11  # pixels (Wang et al. 2004): no clip is smaller
 WHOLE = {
     "bins": (1, 256),
@@ -55,3 +57,62 @@ class NetworkConfig:
     def of(fields: Fields) -> NetworkConfig:
         """Reads `network` of config.json or of an ONNX file's record."""
         return record(NetworkConfig, fields)
+
+
+@dataclasses.dataclass(frozen=True)
+class Augmentation:
+    """Faults of cameras that the simulation of a sequence has not. Each clip draws its own, up to these."""
+
+    flip: bool = True
+    noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
+    bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
+
+
+@dataclasses.dataclass(frozen=True)
+class ClipConfig:
+    """chunk: windows that gradients pass through; the state passes through all."""
+
+    windows: int = 48
+    chunk: int = 16
+    crop: int = 112
+    augmentation: Augmentation | None = Augmentation()
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    network: NetworkConfig = dataclasses.field(default_factory=NetworkConfig)
+    clips: ClipConfig = dataclasses.field(default_factory=ClipConfig)
+    steps: int = 700
+    batch: int = 2
+    learning_rate: float = 2e-3
+    decay_steps: int = 350  # last steps, over which the learning rate falls to 0
+    ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
+    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
+    save_every: int = 50
+    seed: int = 1
+
+    def rate(self, step: int) -> float:
+        """The learning rate of a step, counted from 0."""
+        return self.learning_rate * min(1.0, (step + 1) / WARM, (self.steps - step) / (self.decay_steps + 1))
+
+    @staticmethod
+    def of(fields: Fields) -> TrainConfig:
+        """Reads config.json, or the options as JSON has them."""
+        clips = fields.table("clips")
+        how = clips.optional(clips.table, "augmentation")
+        augmentation = how and record(Augmentation, how)
+        clip = record(ClipConfig, clips, augmentation=augmentation)
+        network = NetworkConfig.of(fields.table("network"))
+        if clip.crop % 2**network.levels:
+            raise clips.wrong("crop", f"a multiple of {2**network.levels}, for {network.levels} levels")
+        return record(TrainConfig, fields, network=network, clips=clip)
+
+
+@dataclasses.dataclass(frozen=True)
+class ProceduralConfig:
+    """size: width and height [px]; model: the pixel model that simulates."""
+
+    count: int = 280
+    size: int = 128
+    duration_us: int = 2_000_000
+    model: str = "pecs"

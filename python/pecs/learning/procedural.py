@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..sensor import simulate
 from .clips import eight_bit
+from .limits import ProceduralConfig
 
 TEXTURE_PX = 320  # side of a layer's texture
 MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (2.3, 3.7, 6.0, 9.1)  # a shaking camera sees the edges of large things only
@@ -28,16 +29,6 @@ THRESHOLDS = (0.1, 0.5)  # mean of ON and OFF, drawn log-uniformly
 
 Rng = np.random.Generator
 Picture = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class ProceduralConfig:
-    """size: width and height [px]; model: the pixel model that simulates."""
-
-    count: int = 280
-    size: int = 128
-    duration_us: int = 2_000_000
-    model: str = "pecs"
 
 
 @dataclass(frozen=True)

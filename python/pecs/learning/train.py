@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,46 +19,16 @@ from .._config import Fields, read_json
 from .._errors import PecsError, PecsInputError, PecsOutputError, UsageError, bad_input, existing
 from .._files import lock_file, read_text, write_json, write_text, write_whole
 from .._library import version
-from .clips import Augmentation, ClipConfig, Clips, Source
-from .limits import NetworkConfig, record
+from .clips import Clips, Source
+from .limits import TrainConfig
 from .losses import ssim
 from .lpips import Lpips
 from .networks import RecurrentUNet, start_states
 from .tensors import load_tensors
 
 CONFIG, CHECKPOINT, LOG = "config.json", "checkpoint.pt", "log.csv"
-BLIND, WARM = 5, 30  # windows at the begin of a clip; first steps, over which the learning rate rises
+BLIND = 5  # windows at the begin of a clip
 MOST_LOG = 1 << 30  # bytes
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    clips: ClipConfig = field(default_factory=ClipConfig)
-    steps: int = 700
-    batch: int = 2
-    learning_rate: float = 2e-3
-    decay_steps: int = 350  # last steps, over which the learning rate falls to 0
-    ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
-    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
-    save_every: int = 50
-    seed: int = 1
-
-    def rate(self, step: int) -> float:
-        """The learning rate of a step, counted from 0."""
-        return self.learning_rate * min(1.0, (step + 1) / WARM, (self.steps - step) / (self.decay_steps + 1))
-
-    @staticmethod
-    def of(fields: Fields) -> TrainConfig:
-        """Reads config.json, or the options as JSON has them."""
-        clips = fields.table("clips")
-        how = clips.optional(clips.table, "augmentation")
-        augmentation = how and record(Augmentation, how)
-        clip = record(ClipConfig, clips, augmentation=augmentation)
-        network = NetworkConfig.of(fields.table("network"))
-        if clip.crop % 2**network.levels:
-            raise clips.wrong("crop", f"a multiple of {2**network.levels}, for {network.levels} levels")
-        return record(TrainConfig, fields, network=network, clips=clip)
 
 
 @dataclass(frozen=True)

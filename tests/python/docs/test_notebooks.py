@@ -65,7 +65,4 @@ def test_every_example_has_a_page_with_command_output_and_picture():
     assert len(folders) > 9
     for folder in folders:
         page = (folder / "README.md").read_text()
-        if folder.name == "ros_node":  # prints and shows nothing without ROS 2; tests/python/events/test_ros.py runs it
-            assert f"({folder.name}/README.md)" in listed
-            continue
         assert PRINTED.search(page) and "![" in page and f"({folder.name}/README.md)" in listed, folder.name

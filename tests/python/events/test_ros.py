@@ -202,7 +202,7 @@ def test_the_node_on_stand_ins(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setitem(sys.modules, "sensor_msgs", ModuleType("sensor_msgs"))
     monkeypatch.setitem(sys.modules, "event_camera_msgs", ModuleType("event_camera_msgs"))
-    node = runpy.run_path(ROOT / "examples/ros_node/event_camera_node.py")["EventCamera"]()
+    node = runpy.run_path(ROOT / "scripts/tools/ros/event_camera_node.py")["EventCamera"]()
     x = np.arange(64)
     frames = [np.tile(128 + 100 * np.sin(0.2 * x - 0.1 * i), (48, 1)).astype(np.uint8) for i in range(20)]
     start_ns = 1_700_000_000 * 10**9

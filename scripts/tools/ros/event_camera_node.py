@@ -1,6 +1,6 @@
 """A ROS 2 node: images of a camera in, events out, by pecs.Sensor.
 
-python examples/ros_node/event_camera_node.py --ros-args -p chip:=davis346 -r image_raw:=/camera/image_raw
+python scripts/tools/ros/event_camera_node.py --ros-args -p chip:=davis346 -r image_raw:=/camera/image_raw
 """
 
 import numpy as np
