@@ -213,7 +213,7 @@ def test_what_other_files_say_wrong(broken):
     np.save(broken / "left" / "causes.npy", np.array(left.causes())[:-1])
     fails(left.causes, "causes.npy: length")
     np.save(broken / "left" / "causes.npy", np.full(len(left.objects()), 9, "u1"))
-    fails(left.causes, "causes.npy: greatest value: got 9, wanted less than 5")
+    fails(left.causes, "causes.npy: greatest value: got 9, wanted less than")
     np.save(broken / "left" / "objects.npy", np.zeros(3))
     fails(left.objects, "objects.npy: dtype: got float64, wanted <u2")
     np.save(broken / "left" / "rectify_map.npy", np.zeros((72, 95, 2), np.float32))
