@@ -93,10 +93,11 @@ int64_t pecs_chip_photocurrent(const pecs_chip* chip, const pecs_stack_reader* s
     const PhotocurrentOptions light = read_photocurrent_options(o);
     o.done();
     const StackReader& reader = given(stack, "stack").reader;
-    const std::vector<double> amperes = amperes_per_unit(given(chip, "chip").chip, reader.info(), light);
+    const Chip& of = given(chip, "chip").chip;
+    const Response response(of, reader.info(), amperes_per_unit(of, reader.info(), light));
     const auto pixels = static_cast<std::size_t>(reader.info().width) * static_cast<std::size_t>(reader.info().height);
     std::vector<float> plane(pixels);
-    PhotocurrentReader(reader, amperes).read(frame, 0, reader.info().height, plane.data());
+    PhotocurrentReader(reader, response).read(frame, 0, reader.info().height, plane.data());
     for (float& v : plane) v *= 1e-15f;
     return pecs::capi::copy_out(plane, out_a, capacity);
   });

@@ -41,9 +41,10 @@ pecs_light* open_light(const char* folder, const pecs::Json& json) {
   const std::optional<double> fps = o.maybe_number("fps", {1e-6, 1e9});
   o.done();
   auto out = std::make_unique<pecs_light>(folder, FrameTimes{fps, {}, {}});
-  std::vector<std::vector<double>> amperes;
-  for (const Chip& chip : chips) amperes.push_back(amperes_per_unit(chip, out->reader.info(), options));
-  out->light.emplace(out->reader, amperes, motion);
+  const StackInfo& info = out->reader.info();
+  std::vector<Response> responses;
+  for (const Chip& chip : chips) responses.emplace_back(chip, info, amperes_per_unit(chip, info, options), folder);
+  out->light.emplace(out->reader, responses, motion);
   if (threads) out->arena.initialize(threads);
   return out.release();
 }

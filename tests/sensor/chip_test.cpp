@@ -128,6 +128,27 @@ TEST(Chip, PhotocurrentOfLux) {
               0.15);
 }
 
+// Its own values and parts replace the other's whole: a new value needs its own source.
+TEST(Chip, ProfileBasedOnAnother) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "based.json";
+  const auto with = [&](const Json& values, const char* base) {
+    std::ofstream(path) << Json{{"pecs_chip", 1}, {"based_on", base}, {"name", "mine"}, {"values", values}};
+    return refusal(path.string());
+  };
+  const Json noise = {{"value", 0.02}, {"unit", "ln"}, {"range", {0, 1}}, {"source", "mine"}};
+  ASSERT_EQ(with({{"noise_std", noise}}, "imx636"), "");
+  const Chip mine = load_chip(path.string()), base = load_chip("imx636");
+  EXPECT_EQ(mine.name, "mine");
+  EXPECT_EQ(mine.noise_std, 0.02);
+  EXPECT_EQ(mine.sources.at("noise_std"), "mine");
+  EXPECT_EQ(mine.refractory_period_s, base.refractory_period_s);
+  EXPECT_EQ(mine.relative_qe.value, base.relative_qe.value);
+  EXPECT_EQ(mine.biases.size(), base.biases.size());
+  EXPECT_NE(with({{"noise_std", {{"value", 0.02}}}}, "imx636").find("values.noise_std"), std::string::npos);
+  EXPECT_NE(with(Json::object(), "nosuch").find("nosuch"), std::string::npos);
+  EXPECT_NE(with(Json::object(), "davis346_color").find("based_on"), std::string::npos);
+}
+
 TEST(Chip, DamageIsNamed) {
   const auto path = std::filesystem::path(testing::TempDir()) / "chip.json";
   const Json good = parse_json_file(tests::source_dir() / "sensor/chips/imx636.json");
@@ -147,6 +168,15 @@ TEST(Chip, DamageIsNamed) {
   EXPECT_NE(with([](Json& j) { j["values"]["noise_std"]["interval"] = {0.6, 0.5}; }).find("no interval"),
             std::string::npos);
   EXPECT_NE(with([](Json& j) { j["values"].erase("leak_rate_hz"); }).find("leak_rate_hz"), std::string::npos);
+  const Json filter = {{"lambda_nm", {400, 700}}, {"value", {0.1, 0.9}}, {"source", "test"}};
+  const auto mosaic = [&](const Json& pattern) {
+    return with([&](Json& j) { j["mosaic"] = {{"pattern", pattern}, {"filters", {{"R", filter}, {"G", filter}}}}; });
+  };
+  EXPECT_EQ(mosaic({"RG", "GR"}), "");
+  for (const Json& bad : {Json("RG"), Json::array(), Json{"RG", "R"}, Json{""}, Json{"R1"}, Json{"RG", 3}})
+    EXPECT_NE(mosaic(bad).find("mosaic.pattern"), std::string::npos) << bad;
+  EXPECT_NE(mosaic({"RB"}).find("mosaic.filters.B"), std::string::npos);
+  EXPECT_NE(mosaic({"RR"}).find("mosaic.filters.G: got an unknown key"), std::string::npos);
   EXPECT_NE(with([](Json& j) { j["relative_qe"]["lambda_nm"][3] = 1; }).find("relative_qe.lambda_nm"),
             std::string::npos);
 }

@@ -66,7 +66,7 @@ class Moving : public FrameSource {
 };
 
 // Amperes so that chip 0 sees the texture, chip 1 both bands.
-const std::vector<std::vector<double>> kChips = {{1e-12, 0}, {2e-12, 1e-12}};
+const std::vector<Response> kChips = {{{1e-12, 0}}, {{2e-12, 1e-12}}};
 
 Plane at(LightSampler& light, std::vector<double> t_us) {
   Plane out(t_us.size() * light.values());
@@ -140,6 +140,39 @@ TEST(LightSampler, ALoopGoesOn) {
   EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
   // A source with a period has all times, but not all exposures: these would be 2.6e9 cells.
   EXPECT_THROW(exposed(light, {0, 1, 1000, kMostSteps}), Error);
+}
+
+// Each pixel of a mosaic has the light that all pixels have behind its filter, also where light moves across pixels.
+TEST(LightSampler, MosaicPicksTheLightOfEachPixelsFilter) {
+  const Moving source;
+  Chip chip = load_chip("ideal");
+  chip.mosaic = std::make_shared<const Mosaic>(
+      Mosaic{{{"A", {{500, 600}, {1, 0.25}}}, {"B", {{500, 600}, {0.5, 1}}}}, {{0, 1, 1}, {1, 1, 0}}});
+  const std::vector<Response> mosaic = {{chip, source.info(), {2e-12, 1e-12}}, kChips[0]},
+                              filters = {{{2e-12, 0.25e-12}}, {{1e-12, 1e-12}}};
+  for (const bool along_motion : {true, false}) {
+    LightSampler light(source, mosaic, along_motion), behind(source, filters, along_motion),
+        alone(source, std::span(kChips).first(1), along_motion);
+    const std::vector<double> t_us = {0, 310, 1000, 2500};
+    const Plane all = at(light, t_us), of_filters = at(behind, t_us), without = at(alone, t_us);
+    for (std::size_t k = 0; k < t_us.size(); ++k)
+      for (std::size_t i = 0; i < Moving::kPixels; ++i) {
+        const std::size_t x = i % Moving::kWidth, y = i / Moving::kWidth;
+        const bool is_b = y % 2 == 0 ? x % 3 != 0 : x % 3 != 2;
+        ASSERT_EQ(all[2 * k * Moving::kPixels + i], of_filters[(2 * k + is_b) * Moving::kPixels + i]) << x << " " << y;
+        ASSERT_EQ(all[(2 * k + 1) * Moving::kPixels + i], without[k * Moving::kPixels + i]);
+      }
+    // Rows that are exposed one after another, too.
+    const Exposure rolling{100, 400, 7, 16};
+    const Plane rows = exposed(light, rolling), rows_of_filters = exposed(behind, rolling);
+    for (std::size_t i = 0; i < Moving::kPixels; ++i) {
+      const std::size_t x = i % Moving::kWidth, y = i / Moving::kWidth;
+      const bool is_b = y % 2 == 0 ? x % 3 != 0 : x % 3 != 2;
+      ASSERT_EQ(rows[i], rows_of_filters[is_b * Moving::kPixels + i]) << x << " " << y;
+    }
+  }
+  chip.mosaic = std::make_shared<const Mosaic>(Mosaic{{{"A", {{700, 800}, {1, 1}}}}, {{0}}});
+  EXPECT_THROW(Response(chip, source.info(), {2e-12, 1e-12}), Error);
 }
 
 TEST(FeedMoving, LoopsAreTheSameHeldOrComputedAgain) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <map>
 #include <set>
@@ -66,7 +67,7 @@ std::vector<std::string> keys() {
   return out;
 }
 
-Spectrum read_qe(JsonObject o) {
+Spectrum read_spectrum(JsonObject o) {
   Spectrum s{o.numbers("lambda_nm", {100, 20000}), o.numbers("value", {0, 1})};
   if (s.lambda_nm.size() < 2 || s.lambda_nm.size() != s.value.size())
     o.fail("value", fmt::format("{} values for {} wavelengths", s.value.size(), s.lambda_nm.size()),
@@ -77,6 +78,30 @@ Spectrum read_qe(JsonObject o) {
   o.text("source");
   o.done();
   return s;
+}
+
+std::shared_ptr<const Mosaic> read_mosaic(JsonObject o) {
+  Mosaic mosaic;
+  JsonObject filters = o.object("filters");
+  const Json& pattern = o.any("pattern");
+  if (!pattern.is_array() || pattern.empty()) o.fail("pattern", "no rows", "rows of letters, [\"RG\", \"GB\"]");
+  for (const Json& row : pattern) {
+    const std::string letters = row.is_string() ? row.get<std::string>() : "";
+    if (letters.empty() || !std::ranges::all_of(letters, [](unsigned char c) { return std::isalpha(c); }) ||
+        (!mosaic.pattern.empty() && letters.size() != mosaic.pattern[0].size()))
+      o.fail("pattern", shortened(row.dump(), 40), "rows of letters, all of one length");
+    std::vector<std::uint8_t>& indices = mosaic.pattern.emplace_back();
+    for (const char letter : letters) {
+      const std::string name(1, letter);
+      auto at = std::ranges::find(mosaic.filters, name, &Mosaic::Filter::name);
+      if (at == mosaic.filters.end())
+        at = mosaic.filters.insert(at, {name, read_spectrum(filters.object(name))});
+      indices.push_back(static_cast<std::uint8_t>(at - mosaic.filters.begin()));
+    }
+  }
+  filters.done();
+  o.done();
+  return std::make_shared<const Mosaic>(std::move(mosaic));
 }
 
 // The pixel map of docs/reference/sensor.md.
@@ -125,9 +150,32 @@ std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path
 
 }  // namespace
 
+namespace {
+
+// A profile's JSON; of one that is based on another, its own values and parts in place of the other's.
+Json read_profile(const std::filesystem::path& path) {
+  Json own = parse_json_file(path);
+  if (!own.is_object() || !own.contains("based_on")) return own;
+  const std::filesystem::path base_path =
+      find_data("sensor/chips", JsonObject(own, path.string()).text("based_on"));
+  Json base = parse_json_file(base_path);
+  if (!base.is_object() || base.contains("based_on") || !base["values"].is_object() || base.contains("pixel_map"))
+    throw bad_input(path.string(), "based_on", base_path.string(), "a profile with all values and no pixel map");
+  own.erase("based_on");
+  for (auto& [key, part] : own.items()) {
+    if (key == "values" && part.is_object())
+      base[key].update(part);
+    else
+      base[key] = std::move(part);
+  }
+  return base;
+}
+
+}  // namespace
+
 Chip load_chip(const std::string& name, const std::vector<std::string>& overrides, const BiasSettings& biases) {
   const std::filesystem::path path = find_data("sensor/chips", name);
-  const Json json = parse_json_file(path);
+  const Json json = read_profile(path);
   JsonObject o(json, path.string());
   o.integer("pecs_chip", 1, 1);
   Chip chip;
@@ -138,7 +186,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
       if (!trade_name.is_string()) o.fail("trade_names", trade_name.dump(), "texts");
       chip.trade_names.push_back(trade_name);
     }
-  chip.relative_qe = read_qe(o.object("relative_qe"));
+  chip.relative_qe = read_spectrum(o.object("relative_qe"));
+  if (o.has("mosaic")) chip.mosaic = read_mosaic(o.object("mosaic"));
 
   JsonObject values = o.object("values");
   for (const Value& v : kValues) {
@@ -208,6 +257,16 @@ Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
   for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
   out["relative_qe"] = {{"lambda_nm", chip.relative_qe.lambda_nm}, {"value", chip.relative_qe.value}};
+  if (chip.mosaic) {
+    Json& mosaic = out["mosaic"];
+    for (const Mosaic::Filter& f : chip.mosaic->filters)
+      mosaic["filters"][f.name] = {{"lambda_nm", f.transmittance.lambda_nm}, {"value", f.transmittance.value}};
+    for (const auto& row : chip.mosaic->pattern) {
+      std::string letters;
+      for (const std::uint8_t filter : row) letters += chip.mosaic->filters[filter].name;
+      mosaic["pattern"].push_back(letters);
+    }
+  }
   if (!chip.trade_names.empty()) out["trade_names"] = chip.trade_names;
   if (!chip.set_biases.empty()) out["biases"] = chip.set_biases;
   if (chip.pixel_map) out["pixel_map"] = chip.pixel_map->file;

@@ -24,24 +24,31 @@ struct Sample {
 }  // namespace
 
 struct LightSampler::Impl {
-  Impl(const FrameSource& of, std::span<const std::vector<double>> amperes, bool along)
+  Impl(const FrameSource& of, std::span<const Response> chips, bool along)
       : source(of),
-        readers(readers_of(of, amperes)),
+        readers(readers_of(of, chips)),
         along_motion(along),
         intervals(pointers_to(readers), along, 2),
-        moving(info().width, info().height, along ? info().subpixels : 1, readers.size()),
+        moving(info().width, info().height, along ? info().subpixels : 1, mosaics_of(readers, along)),
         steps_per_us(static_cast<std::size_t>(of.frames()), std::numeric_limits<double>::quiet_NaN()) {}
 
   using Readers = std::vector<std::unique_ptr<PhotocurrentReader>>;
-  static Readers readers_of(const FrameSource& source, std::span<const std::vector<double>> amperes) {
+  static Readers readers_of(const FrameSource& source, std::span<const Response> chips) {
     Readers readers;
-    for (const auto& chip : amperes) readers.push_back(std::make_unique<PhotocurrentReader>(source, chip));
+    for (const Response& chip : chips) readers.push_back(std::make_unique<PhotocurrentReader>(source, chip));
     return readers;
   }
   static std::vector<PhotocurrentReader*> pointers_to(const Readers& readers) {
     std::vector<PhotocurrentReader*> pointers;
     for (const auto& reader : readers) pointers.push_back(reader.get());
     return pointers;
+  }
+
+  // Light that is blended at the pixel is read behind each pixel's filter.
+  static std::vector<const Mosaic*> mosaics_of(const Readers& readers, bool along_motion) {
+    std::vector<const Mosaic*> mosaics;
+    for (const auto& reader : readers) mosaics.push_back(along_motion ? reader->mosaic() : nullptr);
+    return mosaics;
   }
 
   const StackInfo& info() const { return source.info(); }
@@ -173,12 +180,12 @@ std::vector<Sample> LightSampler::Impl::cells(const Exposure& exposure, std::int
   return out;
 }
 
-LightSampler::LightSampler(const FrameSource& source, std::span<const std::vector<double>> amperes, bool along_motion) {
+LightSampler::LightSampler(const FrameSource& source, std::span<const Response> chips, bool along_motion) {
   const std::int64_t frames = source.frames(), planned = std::ssize(source.info().times_ns);
   if (frames < 1 || (source.info().period_ns && frames < planned))
     throw bad_input(source.name(), "frames", fmt::format("{} so far", frames),
                     fmt::format("the {} of times_ns", planned));
-  impl_ = std::make_unique<Impl>(source, amperes, along_motion && source.has_motion());
+  impl_ = std::make_unique<Impl>(source, chips, along_motion && source.has_motion());
 }
 
 LightSampler::~LightSampler() = default;

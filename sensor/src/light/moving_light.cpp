@@ -51,19 +51,23 @@ void Residuals::apply(double s, float* warped, std::size_t begin, std::size_t en
   });
 }
 
-MovingLight::MovingLight(int width, int height, int subpixels, std::size_t chips)
-    : width_(static_cast<std::size_t>(width)),
+MovingLight::MovingLight(int width, int height, int subpixels, std::vector<const Mosaic*> mosaics)
+    : mosaics_(std::move(mosaics)),
+      width_(static_cast<std::size_t>(width)),
       pixels_(width_ * static_cast<std::size_t>(height)),
       side_(static_cast<std::size_t>(subpixels)),
-      chips_(chips) {}
+      lights_(0) {
+  for (const Mosaic* mosaic : mosaics_) lights_ += mosaic ? mosaic->filters.size() : 1;
+}
 
 bool MovingLight::planes(const LightInterval& interval, std::span<const double> fractions, Region rows,
                          const Sink& sink) {
-  const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * chips_));
+  const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * lights_));
   std::vector<const float*> out;
   for (std::size_t k = 0; k < fractions.size(); k += room) {
     out.clear();
     batch(interval, fractions.subspan(k, std::min(room, fractions.size() - k)), rows, out);
+    if (lights_ > mosaics_.size()) pick(rows, out);
     if (!sink(k, out)) return false;
   }
   return true;
@@ -71,9 +75,9 @@ bool MovingLight::planes(const LightInterval& interval, std::span<const double> 
 
 void MovingLight::batch(const LightInterval& interval, std::span<const double> part, Region rows,
                         std::vector<const float*>& out) {
-  if (planes_.size() < part.size() * chips_) planes_.resize(part.size() * chips_, Plane(pixels_ + motion::kSpare));
+  if (planes_.size() < part.size() * lights_) planes_.resize(part.size() * lights_, Plane(pixels_ + motion::kSpare));
   const std::size_t fine_room =
-      side_ > 1 ? std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * side_ * side_ * chips_))
+      side_ > 1 ? std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * side_ * side_ * lights_))
                 : part.size();
   for (std::size_t k = 0; k < part.size();) {
     if (part[k] == 0) {  // the keyframe itself
@@ -87,7 +91,7 @@ void MovingLight::batch(const LightInterval& interval, std::span<const double> p
     }
     std::size_t count = 1;
     while (count < fine_room && k + count < part.size() && part[k + count] != 0) ++count;
-    const std::span planes = std::span(planes_).subspan(k * chips_, count * chips_);
+    const std::span planes = std::span(planes_).subspan(k * lights_, count * lights_);
     if (side_ > 1) {
       if (fine_.size() < planes.size()) fine_.resize(planes.size(), Plane(pixels_ * side_ * side_ + motion::kSpare));
       warp(interval, part.subspan(k, count), rows, std::span(fine_).first(planes.size()));
@@ -100,7 +104,7 @@ void MovingLight::batch(const LightInterval& interval, std::span<const double> p
   }
 }
 
-// out: [fraction][chip], with subpixels.
+// out: [fraction][chip][filter], with subpixels.
 void MovingLight::warp(const LightInterval& interval, std::span<const double> fractions, Region rows,
                        std::span<Plane> out) const {
   const std::size_t row = width_ * side_;
@@ -109,8 +113,8 @@ void MovingLight::warp(const LightInterval& interval, std::span<const double> fr
   const std::size_t begin = static_cast<std::size_t>(fine.begin) * row, end = static_cast<std::size_t>(fine.end) * row;
   if (!interval.carrier) {
     tbb::parallel_for(std::size_t{0}, out.size(), [&](std::size_t k) {
-      motion::blend_run(interval.first[k % chips_] + begin, interval.second[k % chips_] + begin,
-                        static_cast<float>(fractions[k / chips_]), end - begin, out[k].data() + begin);
+      motion::blend_run(interval.first[k % lights_] + begin, interval.second[k % lights_] + begin,
+                        static_cast<float>(fractions[k / lights_]), end - begin, out[k].data() + begin);
     });
     return;
   }
@@ -119,7 +123,7 @@ void MovingLight::warp(const LightInterval& interval, std::span<const double> fr
   const Box part{.y0 = fine.begin, .y1 = fine.end};
   interval.carried->planes(fractions, to, {&part, 1});
   for (std::size_t k = 0; k < to.size() && !interval.residuals.empty(); ++k)
-    interval.residuals[k % chips_].apply(fractions[k / chips_], to[k], begin, end);
+    interval.residuals[k % lights_].apply(fractions[k / lights_], to[k], begin, end);
 }
 
 // Rows of means over subpixels.
@@ -128,6 +132,26 @@ void MovingLight::average(const float* fine, Region rows, Plane& mean) const {
   const std::size_t count = static_cast<std::size_t>(rows.end - rows.begin) * width_;
   average_squares({fine + begin * side_ * side_, count * side_ * side_}, static_cast<int>(width_ * side_),
                   static_cast<int>(side_), std::span(mean).subspan(begin, count));
+}
+
+void MovingLight::pick(Region rows, std::vector<const float*>& planes) {
+  const std::size_t begin = static_cast<std::size_t>(rows.begin) * width_;
+  std::vector<const float*> chips;
+  for (std::size_t k = 0; k < planes.size();)
+    for (const Mosaic* mosaic : mosaics_) {
+      if (!mosaic) {
+        chips.push_back(planes[k++]);
+        continue;
+      }
+      std::vector<const float*> filters;
+      for (std::size_t i = 0; i < mosaic->filters.size(); ++i) filters.push_back(planes[k++] + begin);
+      if (picked_.size() <= chips.size()) picked_.resize(chips.size() + 1);
+      Plane& plane = picked_[chips.size()];
+      plane.resize(pixels_ + motion::kSpare);
+      pick_filters(*mosaic, filters, static_cast<int>(width_), rows.begin, rows.end, plane.data() + begin);
+      chips.push_back(plane.data());
+    }
+  planes = std::move(chips);
 }
 
 namespace {
@@ -146,8 +170,13 @@ void make_room(std::deque<std::shared_ptr<const T>>& kept, std::size_t most) {
 
 }  // namespace
 
-IntervalReader::IntervalReader(std::vector<PhotocurrentReader*> chips, bool along_motion, std::size_t kept)
-    : chips_(std::move(chips)), along_motion_(along_motion), kept_(kept) {}
+IntervalReader::IntervalReader(const std::vector<PhotocurrentReader*>& chips, bool along_motion, std::size_t kept)
+    : along_motion_(along_motion), kept_(kept) {
+  for (PhotocurrentReader* chip : chips) {
+    const std::size_t filters = along_motion ? chip->filters() : 1;
+    for (std::size_t filter = 0; filter < filters; ++filter) lights_.push_back({chip, filter});
+  }
+}
 
 double IntervalReader::t_us(std::int64_t frame) const {
   const StackInfo& info = source().info();
@@ -161,14 +190,15 @@ std::shared_ptr<const Keyframe> IntervalReader::keyframe(std::int64_t frame) {
   const StackInfo& info = source().info();
   const int width = along_motion_ ? info.file_width() : info.width;
   const int height = along_motion_ ? info.file_height() : info.height;
-  auto read = std::make_shared<Keyframe>(frame, std::vector<Plane>(chips_.size()));
-  tbb::parallel_for(std::size_t{0}, chips_.size(), [&](std::size_t chip) {
-    Plane& plane = read->planes[chip];
+  auto read = std::make_shared<Keyframe>(frame, std::vector<Plane>(lights_.size()));
+  tbb::parallel_for(std::size_t{0}, lights_.size(), [&](std::size_t k) {
+    const Light& light = lights_[k];
+    Plane& plane = read->planes[k];
     plane.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) + motion::kSpare);
     if (along_motion_)
-      chips_[chip]->read_fine(frame, plane.data());
+      light.chip->read_fine(frame, light.filter, plane.data());
     else
-      chips_[chip]->read(frame, 0, height, plane.data());
+      light.chip->read(frame, 0, height, plane.data());
   });
   return keyframes_.emplace_back(std::move(read));
 }
@@ -206,16 +236,16 @@ void IntervalReader::add_motion(LightInterval& in) const {
   for (const std::int64_t t_ns : times_ns)
     in.pictures.push_back((static_cast<double>(t_ns) - begin_ns) / (1e3 * length_us));
   const std::size_t values = static_cast<std::size_t>(info.file_width()) * static_cast<std::size_t>(info.file_height());
-  std::vector<Plane> warped(chips_.size(), Plane(values + motion::kSpare));
+  std::vector<Plane> warped(lights_.size(), Plane(values + motion::kSpare));
   std::vector<float*> to;
   for (Plane& plane : warped) to.push_back(plane.data());
   Plane rendered(values);
-  in.residuals.resize(chips_.size());
+  in.residuals.resize(lights_.size());
   for (std::size_t k = 0; k < in.pictures.size(); ++k) {
     in.carried->planes({&in.pictures[k], 1}, to);
-    for (std::size_t chip = 0; chip < chips_.size(); ++chip) {
-      chips_[chip]->read_between(in.frame, k, rendered.data());
-      in.residuals[chip].add(in.pictures[k], rendered, std::span(warped[chip]).first(values));
+    for (std::size_t i = 0; i < lights_.size(); ++i) {
+      lights_[i].chip->read_between(in.frame, k, lights_[i].filter, rendered.data());
+      in.residuals[i].add(in.pictures[k], rendered, std::span(warped[i]).first(values));
     }
   }
   for (Residuals& residuals : in.residuals) residuals.close();

@@ -44,7 +44,7 @@ class Residuals {
   std::vector<Residual> residuals_;    // by pixel, then s
 };
 
-// A frame's light on each chip.
+// A frame's light on each chip, behind each of its filters.
 struct Keyframe {
   std::int64_t frame = 0;
   std::vector<Plane> planes;
@@ -53,11 +53,12 @@ struct Keyframe {
 // Light from one frame to the next.
 struct LightInterval {
   std::int64_t frame = 0;
-  std::vector<const float*> first{}, second{};  // keyframes on each chip; no second: the first alone
+  // Keyframes on each chip, behind each of its filters; no second: the first alone.
+  std::vector<const float*> first{}, second{};
   std::optional<Carrier> carrier{};             // none: blended at the pixel
-  std::optional<CarriedLight> carried{};        // by the carrier, on each chip
+  std::optional<CarriedLight> carried{};        // by the carrier, of each plane of a keyframe
   std::vector<double> pictures{};               // fractions of the pictures rendered between
-  std::vector<Residuals> residuals{};           // on each chip, or none
+  std::vector<Residuals> residuals{};           // likewise, or none
   // Fractions at which a sensor takes planes: 0, then those along the motion (Carrier::instants),
   // and those of the pictures between in place of fractions close to them.
   std::vector<double> instants{0.0};
@@ -67,7 +68,8 @@ struct LightInterval {
 // Computes planes of intervals, in memory that is used again. In the caller's TBB arena.
 class MovingLight {
  public:
-  MovingLight(int width, int height, int subpixels = 1, std::size_t chips = 1);
+  // mosaics: of each chip, or null.
+  MovingLight(int width, int height, int subpixels = 1, std::vector<const Mosaic*> mosaics = {nullptr});
 
   // sink(k, planes) gets planes [fraction][chip] of the fractions from the k-th on, a batch of at most kBatchBytes at a
   // time (but at least one fraction). They are valid until sink returns; rows outside `rows` are unspecified. Ends
@@ -81,9 +83,12 @@ class MovingLight {
   void batch(const LightInterval& interval, std::span<const double> part, Region rows, std::vector<const float*>& out);
   void warp(const LightInterval& interval, std::span<const double> fractions, Region rows, std::span<Plane> out) const;
   void average(const float* fine, Region rows, Plane& mean) const;
+  // From the planes of filters, [fraction][chip][filter], to those of chips.
+  void pick(Region rows, std::vector<const float*>& planes);
 
-  std::size_t width_, pixels_, side_, chips_;
-  std::vector<Plane> planes_, fine_;
+  std::vector<const Mosaic*> mosaics_;
+  std::size_t width_, pixels_, side_, lights_;  // lights_: filters of all chips
+  std::vector<Plane> planes_, fine_, picked_;
 };
 
 // Reads the intervals of a source. Keeps three keyframes and `kept` intervals, the newest. Not for two threads at once;
@@ -91,7 +96,7 @@ class MovingLight {
 class IntervalReader {
  public:
   // Light as each of the readers (of one source) computes it, along the source's motion or blended at the pixel.
-  IntervalReader(std::vector<PhotocurrentReader*> chips, bool along_motion, std::size_t kept);
+  IntervalReader(const std::vector<PhotocurrentReader*>& chips, bool along_motion, std::size_t kept);
   // From a frame to the next one; with a period, from the last one to the first.
   std::shared_ptr<const LightInterval> interval(std::int64_t frame);
   // A frame alone.
@@ -101,9 +106,13 @@ class IntervalReader {
   std::shared_ptr<const Keyframe> keyframe(std::int64_t frame);
   void add_motion(LightInterval& interval) const;
   double t_us(std::int64_t frame) const;
-  const FrameSource& source() const { return chips_[0]->source(); }
+  const FrameSource& source() const { return lights_[0].chip->source(); }
 
-  std::vector<PhotocurrentReader*> chips_;
+  struct Light {
+    PhotocurrentReader* chip;
+    std::size_t filter;
+  };
+  std::vector<Light> lights_;  // planes of a keyframe
   bool along_motion_;
   std::size_t kept_;
   std::deque<std::shared_ptr<const Keyframe>> keyframes_;

@@ -41,6 +41,33 @@ std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, c
   return weights;
 }
 
+Response::Response(const Chip& chip, const StackInfo& stack, const std::vector<double>& amperes,
+                   const std::string& name)
+    : mosaic(chip.mosaic) {
+  if (!mosaic) {
+    of_filter = {amperes};
+    return;
+  }
+  for (const Mosaic::Filter& filter : mosaic->filters) {
+    std::vector<double> passed;
+    for (std::size_t b = 0; b < amperes.size(); ++b)
+      passed.push_back(amperes[b] * filter.transmittance.at(stack.bands[b].lambda_nm));
+    if (std::ranges::none_of(passed, [](double a) { return a > 0; }))
+      throw bad_input(name, "bands", fmt::format("none that filter {} of {} passes", filter.name, chip.name),
+                      "light for each of the mosaic's filters");
+    of_filter.push_back(std::move(passed));
+  }
+}
+
+void pick_filters(const Mosaic& mosaic, std::span<const float* const> planes, int width, int begin, int end,
+                  float* out) {
+  const auto columns = static_cast<std::size_t>(width);
+  for (auto y = static_cast<std::size_t>(begin); y < static_cast<std::size_t>(end); ++y) {
+    const std::size_t row = (y - static_cast<std::size_t>(begin)) * columns;
+    for (std::size_t x = 0; x < columns; ++x) out[row + x] = planes[mosaic.of(x, y)][row + x];
+  }
+}
+
 std::vector<double> monte_carlo(const std::vector<double>& amperes, const std::vector<double>& mean_light, int n,
                                 std::uint64_t seed) {
   std::vector<double> share;  // cumulated
@@ -106,22 +133,46 @@ DrawnBands draw_bands(const FrameSource& source, const std::vector<double>& ampe
   return {drawn, first.log_difference(drawn, amperes)};
 }
 
-PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const std::vector<double>& amperes, double noise)
-    : source_(source), noise_(static_cast<float>(noise)) {
-  for (const double a : amperes) femtoamperes_.push_back(static_cast<float>(a * 1e15));
+PhotocurrentReader::PhotocurrentReader(const FrameSource& source, const Response& response, double noise)
+    : source_(source), mosaic_(response.mosaic), noise_(static_cast<float>(noise)) {
+  for (const std::vector<double>& amperes : response.of_filter) {
+    std::vector<float>& of_bands = femtoamperes_.emplace_back();
+    for (const double a : amperes) of_bands.push_back(static_cast<float>(a * 1e15));
+  }
 }
 
 void PhotocurrentReader::read(std::int64_t frame, int begin, int end, float* plane) {
-  source_.read_rows(frame, sums(info().width, begin, plane), begin, end);
+  const auto width = static_cast<std::size_t>(info().width);
+  const RowSink sum = [&](int y, int rows, std::span<const float> values) {
+    const std::size_t n = width * static_cast<std::size_t>(rows);
+    float* out = plane + static_cast<std::size_t>(y - begin) * width;
+    bool has_bad = false;
+    if (mosaic_) {
+      std::vector<float> passed(filters() * n);
+      std::vector<const float*> planes;
+      for (std::size_t k = 0; k < filters(); ++k) {
+        has_bad |= weighted_sum(femtoamperes_[k], values.data(), std::span(passed).subspan(k * n, n));
+        planes.push_back(passed.data() + k * n);
+      }
+      pick_filters(*mosaic_, planes, info().width, y, y + rows, out);
+    } else {
+      has_bad = weighted_sum(femtoamperes_[0], values.data(), {out, n});
+    }
+    if (!has_bad) return;
+    const Bad bad = mend(values, n, out);
+    not_finite_ += bad.not_finite;
+    negative_ += bad.negative;
+  };
+  source_.read_rows(frame, sum, begin, end);
 }
 
-void PhotocurrentReader::read_fine(std::int64_t frame, float* plane) {
-  source_.read_fine_rows(frame, sums(info().file_width(), 0, plane));
+void PhotocurrentReader::read_fine(std::int64_t frame, std::size_t filter, float* plane) {
+  source_.read_fine_rows(frame, sums(filter, plane));
   if (noise_ != 0) source_.read_noise(frame, disturbance(plane));
 }
 
-void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, float* plane) {
-  source_.read_between(frame, which, sums(info().file_width(), 0, plane, true));
+void PhotocurrentReader::read_between(std::int64_t frame, std::size_t which, std::size_t filter, float* plane) {
+  source_.read_between(frame, which, sums(filter, plane, true));
   if (noise_ != 0) source_.read_between_noise(frame, which, disturbance(plane));
 }
 
@@ -133,31 +184,37 @@ RowSink PhotocurrentReader::disturbance(float* plane) const {
   };
 }
 
-// has_holes: values that are not finite were not rendered, and are not counted as bad.
-RowSink PhotocurrentReader::sums(int width, int begin, float* plane, bool has_holes) {
+// Of a whole frame with its subpixels. has_holes: values that are not finite were not rendered.
+RowSink PhotocurrentReader::sums(std::size_t filter, float* plane, bool has_holes) {
   return [=, this](int y, int rows, std::span<const float> values) {
-    const auto columns = static_cast<std::size_t>(width);
+    const auto columns = static_cast<std::size_t>(info().file_width());
     const std::size_t n = columns * static_cast<std::size_t>(rows);
-    float* out = plane + static_cast<std::size_t>(y - begin) * columns;
-    if (weighted_sum(femtoamperes_, values.data(), {out, n})) count_bad(values.data(), n, out, has_holes);
+    float* out = plane + static_cast<std::size_t>(y) * columns;
+    if (!weighted_sum(femtoamperes_[filter], values.data(), {out, n})) return;
+    const Bad bad = mend(values, n, out);
+    if (filter > 0) return;  // counted with the first
+    negative_ += bad.negative;
+    if (!has_holes) not_finite_ += bad.not_finite;
   };
 }
 
-void PhotocurrentReader::count_bad(const float* values, std::size_t n, float* out, bool has_holes) {
+PhotocurrentReader::Bad PhotocurrentReader::mend(std::span<const float> values, std::size_t n, float* out) const {
+  Bad bad;
   for (std::size_t i = 0; i < n; ++i) {
     bool negative = false, not_finite = false;
-    for (std::size_t b = 0; b < femtoamperes_.size(); ++b) {
+    for (std::size_t b = 0; b < femtoamperes_[0].size(); ++b) {
       negative |= values[b * n + i] < 0;
       not_finite |= !std::isfinite(values[b * n + i]);
     }
     if (not_finite) {
       out[i] = std::numeric_limits<float>::quiet_NaN();
-      if (!has_holes) ++not_finite_;
+      ++bad.not_finite;
     } else if (negative) {
       out[i] = std::max(out[i], 0.0f);
-      ++negative_;
+      ++bad.negative;
     }
   }
+  return bad;
 }
 
 double quantile_fa(std::vector<float>& values_fa, double part) {

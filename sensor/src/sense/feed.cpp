@@ -120,7 +120,7 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, Photocurre
   if (again) readers.push_back(again);
   const std::size_t chips = readers.size();
   IntervalReader reader(readers, true, 1);
-  MovingLight moving(info.width, info.height, info.subpixels, chips);
+  MovingLight moving(info.width, info.height, info.subpixels, std::vector(chips, light.mosaic()));
   const auto add_plane = [](LightBatch& batch, std::span<const float* const> of_chips, double t) {
     batch.planes.push_back(of_chips[0]);
     if (of_chips.size() > 1) batch.again.push_back(of_chips[1]);

@@ -15,9 +15,9 @@ void Simulation::step(const FrameBatch& frames, PixelRange range, std::int64_t f
   sorter.take(final_us, events);
 }
 
-NoiseEstimate::NoiseEstimate(const FrameSource& source, const std::vector<double>& amperes, double noise,
-                             Simulation other_render, std::optional<Simulation> other_recording, const Repeats& repeats)
-    : light_(source, amperes, noise), other_render_{std::move(other_render), repeats} {
+NoiseEstimate::NoiseEstimate(const FrameSource& source, const Response& response, double noise, Simulation other_render,
+                             std::optional<Simulation> other_recording, const Repeats& repeats)
+    : light_(source, response, noise), other_render_{std::move(other_render), repeats} {
   if (other_recording) other_recording_ = Other{std::move(*other_recording), repeats};
 }
 

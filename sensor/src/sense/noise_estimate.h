@@ -19,9 +19,9 @@ struct Simulation {
 
 class NoiseEstimate {
  public:
-  // source, amperes, noise: arguments of PhotocurrentReader, whose noise is that between two renders. other_recording:
+  // source, response, noise: arguments of PhotocurrentReader, whose noise is that between two renders. other_recording:
   // has other noise; none of models without a separate seed of it.
-  NoiseEstimate(const FrameSource& source, const std::vector<double>& amperes, double noise, Simulation other_render,
+  NoiseEstimate(const FrameSource& source, const Response& response, double noise, Simulation other_render,
                 std::optional<Simulation> other_recording, const Repeats& repeats);
   PhotocurrentReader& light() { return light_; }
   // frames: of the run; light: planes of light(). Labels the run's events as Cause::render, and holds those back whose

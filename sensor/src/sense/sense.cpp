@@ -72,10 +72,10 @@ std::shared_ptr<FrameSource> checked_source(const SenseOptions& options, const C
 }
 
 // White of the models that take pictures: the first frame's 99.5 %.
-double white_fa(const FrameSource& source, const std::vector<double>& amperes) {
+double white_fa(const FrameSource& source, const Response& response) {
   const StackInfo& info = source.info();
   std::vector<float> first(static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height));
-  PhotocurrentReader(source, amperes).read(0, 0, info.height, first.data());
+  PhotocurrentReader(source, response).read(0, 0, info.height, first.data());
   const double white = quantile_fa(first, 0.995);
   if (!(white > 0)) throw bad_input(source.name(), "first frame", "no light", "--white");
   return white;
@@ -88,7 +88,7 @@ class SenseRun {
   SenseReport run();
 
  private:
-  std::vector<double> amperes();
+  Response response();
   ModelChoice model() const;
   Simulation simulation(std::optional<std::uint64_t> noise_seed = {}) const;
   void estimate_noise();
@@ -107,7 +107,7 @@ class SenseRun {
   Chip chip_;
   std::shared_ptr<FrameSource> source_;
   Timeline timeline_;
-  std::vector<double> amperes_;
+  Response response_;
   ModelChoice model_;
   bool moves_;  // light between frames is warped along the source's motion
   PhotocurrentReader light_;
@@ -126,10 +126,10 @@ SenseRun::SenseRun(const SenseOptions& options)
       chip_(chip_of(options)),
       source_(checked_source(options, chip_)),
       timeline_(*source_, options.window),
-      amperes_(amperes()),
+      response_(response()),
       model_(model()),
       moves_(options.motion && source_->has_motion()),
-      light_(*source_, amperes_),
+      light_(*source_, response_),
       simulation_(simulation()),
       sink_(options, chip_, timeline_) {
   if (moves_ && source_->info().has_noise && options_.render_noise > 0) estimate_noise();
@@ -150,26 +150,27 @@ void SenseRun::estimate_noise() {
   std::optional<Simulation> other_recording;
   if (model_traits(model_).takes_noise_seed) other_recording = simulation(~options_.seed);
   // The noise of two renders is in the difference of the lights.
-  noise_.emplace(*source_, amperes_, std::numbers::sqrt2 * options_.render_noise, simulation(),
+  noise_.emplace(*source_, response_, std::numbers::sqrt2 * options_.render_noise, simulation(),
                  std::move(other_recording), Repeats(source_->info().width, timeline_.from_us(), timeline_.to_us()));
 }
 
-// Per unit of each band's value: of all bands, or of those drawn.
-std::vector<double> SenseRun::amperes() {
-  std::vector<double> all = amperes_per_unit(chip_, source_->info(), options_.light, source_->name());
-  if (options_.monte_carlo_bands == 0) return all;
+// Of all bands, or of those drawn.
+Response SenseRun::response() {
+  const StackInfo& info = source_->info();
+  const std::vector<double> all = amperes_per_unit(chip_, info, options_.light, source_->name());
+  if (options_.monte_carlo_bands == 0) return {chip_, info, all, source_->name()};
   DrawnBands drawn = draw_bands(*source_, all, options_.monte_carlo_bands, options_.seed);
   results_["monte_carlo"] = {{"samples", options_.monte_carlo_bands},
                              {"bands", std::ranges::count_if(drawn.amperes, [](double a) { return a > 0; })},
                              {"of", all.size()},
                              {"rms_error_of_ln_photocurrent", drawn.rms_error_of_ln}};
-  return std::move(drawn.amperes);
+  return {chip_, info, drawn.amperes, source_->name()};
 }
 
 ModelChoice SenseRun::model() const {
   ModelChoice model = options_.model;
   model.random_phase = options_.window.warmup_us > 0;
-  if (!model_traits(model).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, amperes_);
+  if (!model_traits(model).takes_light && model.white_fa == 0) model.white_fa = white_fa(*source_, response_);
   return model;
 }
 

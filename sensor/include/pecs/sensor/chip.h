@@ -1,5 +1,6 @@
 #pragma once
 // A chip profile (sensor/chips/*.json, docs/reference/sensor.md): every value with unit, range and source.
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -28,6 +29,21 @@ struct PixelMap {
   std::optional<std::size_t> index(int px, int py, double drawn) const;
 };
 
+// Colour filters before the pixels, a pattern that repeats: pixel (x, y) has filter of(x, y).
+struct Mosaic {
+  struct Filter {
+    std::string name;  // its letter in the pattern
+    Spectrum transmittance;
+  };
+  std::vector<Filter> filters;
+  std::vector<std::vector<std::uint8_t>> pattern;  // rows of indices of filters
+
+  std::size_t of(std::size_t x, std::size_t y) const {
+    const auto& row = pattern[y % pattern.size()];
+    return row[x % row.size()];
+  }
+};
+
 // A bias: an offset to the factory setting, and what is known of its effect.
 struct Bias {
   Range allowed, recommended;
@@ -41,7 +57,8 @@ using BiasSettings = std::map<std::string, double>;  // offsets by name, "diff_o
 struct Chip {
   std::string name, description;
   std::vector<std::string> trade_names;  // cameras that have the chip, and its other names
-  Spectrum relative_qe;                  // peak 1
+  Spectrum relative_qe;                  // peak 1; without the mosaic
+  std::shared_ptr<const Mosaic> mosaic;  // or none
 
   // Geometry.
   double width = 0, height = 0;  // pixels; 0: any

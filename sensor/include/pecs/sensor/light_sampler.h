@@ -2,14 +2,14 @@
 // The light of a source at any time: photocurrent at its frames and between them, as `pecs sense` computes it for the
 // pixels, and its means over exposures.
 // Conventions: t_us counts from the first frame, as events do; of a source with a period any later loop equals the
-// first. Planes are amperes, without dark current, [chip][height][width]; a chip is given by its amperes per unit of
-// each band's value (photocurrent.h).
+// first. Planes are amperes, without dark current, [chip][height][width]; a chip is given by its response to the
+// bands (photocurrent.h).
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
-#include "pecs/sensor/source.h"
+#include "pecs/sensor/photocurrent.h"
 
 namespace pecs::sensor {
 
@@ -29,7 +29,7 @@ class LightSampler {
   // Along the source's motion, if it has that and `along_motion`; else frames are blended at the pixel, in ln. (The
   // sensor lays cubics through more frames there; the difference is of the order of that between frames.) The source
   // must outlive the sampler. Throws bad_input for no frames, and for a loop with missing frames.
-  LightSampler(const FrameSource& source, std::span<const std::vector<double>> amperes, bool along_motion = true);
+  LightSampler(const FrameSource& source, std::span<const Response> chips, bool along_motion = true);
   ~LightSampler();
 
   std::size_t chips() const;
