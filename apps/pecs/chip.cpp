@@ -29,7 +29,7 @@ void list(bool json) {
   Json out = Json::array();
   for (const sensor::Chip& chip : all_chips()) {
     if (!json)
-      fmt::print("{:<10} {}{}\n", chip.name, chip.description,
+      fmt::print("{:<15} {}{}\n", chip.name, chip.description,
                  chip.trade_names.empty() ? "" : fmt::format(": {}", fmt::join(chip.trade_names, ", ")));
     out.push_back({{"name", chip.name}, {"description", chip.description}, {"trade_names", chip.trade_names}});
   }
@@ -63,12 +63,19 @@ void info(const InfoOptions& o) {
   }
   if (o.lux) {
     const double at_chip = o.fnumber ? sensor::lux_at_chip(*o.lux, *o.fnumber, o.reflectance) : *o.lux;
-    const double current_a = photocurrent_of_lux(chip, at_chip);
-    out["light"] = {
-        {"lux_at_chip", at_chip},
-        {"photocurrent_a", current_a},
-        {"corner_hz",
-         chip.corner_hz_per_a > 0 ? Json(chip.corner_hz_per_a * (current_a + chip.dark_current_a)) : Json()}};
+    const std::vector<double> currents_a = photocurrent_of_lux(chip, at_chip);
+    const auto light_of = [&](double current_a) {
+      return Json{{"photocurrent_a", current_a},
+                  {"corner_hz",
+                   chip.corner_hz_per_a > 0 ? Json(chip.corner_hz_per_a * (current_a + chip.dark_current_a)) : Json()}};
+    };
+    if (chip.mosaic) {
+      for (std::size_t k = 0; k < currents_a.size(); ++k)
+        out["light"]["filters"][chip.mosaic->filters[k].name] = light_of(currents_a[k]);
+    } else {
+      out["light"] = light_of(currents_a[0]);
+    }
+    out["light"]["lux_at_chip"] = at_chip;
   }
   if (o.json) {
     fmt::print("{}\n", text_of(out));
@@ -80,11 +87,14 @@ void info(const InfoOptions& o) {
     fmt::print("  {:<24}{:.4g} {}: {}\n", key, entry["value"].get<double>(), entry["unit"].get<std::string>(),
                entry["source"].get<std::string>());
   if (!o.lux) return;
-  const Json& light = out["light"];
-  fmt::print("{:g} lux{}: {:.4g} lux at the chip, photocurrent {:.4g} fA, photoreceptor corner {}\n", *o.lux,
-             o.fnumber ? fmt::format(" at f/{:g}", *o.fnumber) : "", light["lux_at_chip"].get<double>(),
-             1e15 * light["photocurrent_a"].get<double>(),
-             light["corner_hz"].is_null() ? "none" : fmt::format("{:.4g} Hz", light["corner_hz"].get<double>()));
+  const auto print_light = [&](const Json& light, const std::string& behind) {
+    fmt::print("{:g} lux{}: {:.4g} lux at the chip{}, photocurrent {:.4g} fA, photoreceptor corner {}\n", *o.lux,
+               o.fnumber ? fmt::format(" at f/{:g}", *o.fnumber) : "", out["light"]["lux_at_chip"].get<double>(),
+               behind, 1e15 * light["photocurrent_a"].get<double>(),
+               light["corner_hz"].is_null() ? "none" : fmt::format("{:.4g} Hz", light["corner_hz"].get<double>()));
+  };
+  if (!chip.mosaic) return print_light(out["light"], "");
+  for (const auto& [name, light] : out["light"]["filters"].items()) print_light(light, ", behind " + name);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@ LUX = (1, 10, 100, 1000, 10_000)
 FNUMBERS = (1.4, 2, 4)
 PREFACE = """# Chips
 
-These are the profiles that `pecs chips` lists, with all values and sources. `scripts/pictures/chips.py` writes this
+These are the profiles that `pecs chips` lists, but for those with [colour filters](sensor.md#colour-pixels), with all values and sources. `scripts/pictures/chips.py` writes this
 page from `sensor/chips/*.json`. [Sensor](sensor.md#chips) explains the keys.
 
 The confidence follows from the source: *assumed* without a published figure, *fitted* to recordings,
@@ -76,9 +76,10 @@ def section(name: str, info: dict) -> str:
 def main() -> None:
     names = [chip["name"] for chip in ask("chips")]
     infos = {name: ask("chip", "info", name) for name in names}
+    infos = {name: info for name, info in infos.items() if "mosaic" not in info}
     for name, info in infos.items():
         draw(name, info, ROOT / f"docs/reference/chips/{name}.svg")
-    text = PREFACE + light_table([name for name in names if name != "ideal"])
+    text = PREFACE + light_table([name for name in infos if name != "ideal"])
     text += "".join(section(name, info) for name, info in infos.items())
     (ROOT / "docs/reference/chips.md").write_text(text)
 

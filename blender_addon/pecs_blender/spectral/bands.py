@@ -187,19 +187,27 @@ class Problem:
         if not (self._mixture * self._response).sum() > 0:
             raise bad_input("bands", "range", f"{low:g} to {high:g} nm, without light", "a range with light")
         twice = 1 + surfaces + surfaces**2
-        self._truth = np.array([(surfaces * self._response * lamp) @ twice.T for lamp in lamps])
+        passed, parts = _filters(chip, self.grid_nm)
+        self._pixel_shares = np.outer(parts, self._shares).ravel()  # of each filter and lamp
+        lit = [(surfaces * self._response * lamp * part) @ twice.T for part in passed for lamp in lamps]
+        self._truth = np.array(lit)
         self._sums = (_sums(self._response), _sums(self._response * lamps), _sums(self._response * self._mixture))
         self._surface_sums = _sums(self._response * self._mixture * surfaces)
+        self._nm_sums = _sums(self._response * self._mixture * self.grid_nm)
 
     def error(self, cells: np.ndarray) -> tuple[float, float]:
         """RMS and largest error of ln(photocurrent), a common factor removed: each surface lit by each lamp, directly
-        and by two bounces on each other surface, which fills its view."""
+        and by two bounces on each other surface, which fills its view; behind each filter of the chip, which the
+        sensor takes at a band's wavelength."""
         light, reflectance = self._rendered(cells)
         twice = (1 + reflectance + reflectance**2).T
-        current = np.array([(reflectance * one) @ twice for one in light])
+        lit = np.diff(self._sums[2][cells])
+        lambda_nm = np.diff(self._nm_sums[cells]) / np.where(lit > 0, lit, 1)
+        passed, _ = _filters(self._chip, lambda_nm)
+        current = np.array([(reflectance * one * part) @ twice for part in passed for one in light])
         with np.errstate(divide="ignore", invalid="ignore"):
-            errors = np.log(current / self._truth).reshape(len(light), -1)
-        weights = np.where(np.isfinite(errors), self._shares[:, None] * self._weights, 0)
+            errors = np.log(current / self._truth).reshape(len(current), -1)
+        weights = np.where(np.isfinite(errors), self._pixel_shares[:, None] * self._weights, 0)
         if not (total := weights.sum()) > 0:
             return 0.0, 0.0
         errors = np.where(weights > 0, errors, 0)
@@ -298,6 +306,16 @@ def _mixture(colours: Colours, nm: np.ndarray) -> np.ndarray:
 def _response(chip: pecs.Chip, nm: np.ndarray) -> np.ndarray:
     """Photocurrent per spectral irradiance and nm, lambda QE up to a factor."""
     return np.array(chip.amperes_per_unit([{"lambda_nm": float(one), "weight_nm": 1.0} for one in nm]))
+
+
+def _filters(chip: pecs.Chip, nm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[filter, nm]: what the filters of the chip's mosaic let pass, and their parts of the pixels; 1 without mosaic."""
+    mosaic = chip.info.get("mosaic")
+    if not mosaic:
+        return np.ones((1, len(nm))), np.ones(1)
+    pattern = "".join(mosaic["pattern"])
+    curves = [np.interp(nm, one["lambda_nm"], one["value"], 0, 0) for one in mosaic["filters"].values()]
+    return np.array(curves), np.array([pattern.count(name) / len(pattern) for name in mosaic["filters"]])
 
 
 def _inside(nm: float | None, low: float, high: float, name: str) -> float:

@@ -94,8 +94,7 @@ std::shared_ptr<const Mosaic> read_mosaic(JsonObject o) {
     for (const char letter : letters) {
       const std::string name(1, letter);
       auto at = std::ranges::find(mosaic.filters, name, &Mosaic::Filter::name);
-      if (at == mosaic.filters.end())
-        at = mosaic.filters.insert(at, {name, read_spectrum(filters.object(name))});
+      if (at == mosaic.filters.end()) at = mosaic.filters.insert(at, {name, read_spectrum(filters.object(name))});
       indices.push_back(static_cast<std::uint8_t>(at - mosaic.filters.begin()));
     }
   }
@@ -156,8 +155,7 @@ namespace {
 Json read_profile(const std::filesystem::path& path) {
   Json own = parse_json_file(path);
   if (!own.is_object() || !own.contains("based_on")) return own;
-  const std::filesystem::path base_path =
-      find_data("sensor/chips", JsonObject(own, path.string()).text("based_on"));
+  const std::filesystem::path base_path = find_data("sensor/chips", JsonObject(own, path.string()).text("based_on"));
   Json base = parse_json_file(base_path);
   if (!base.is_object() || base.contains("based_on") || !base["values"].is_object() || base.contains("pixel_map"))
     throw bad_input(path.string(), "based_on", base_path.string(), "a profile with all values and no pixel map");

@@ -1,12 +1,14 @@
 #include "pecs/sensor/lux.h"
 
+#include <numeric>
+
 #include "pecs/data_dir.h"
 #include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/photocurrent.h"
 
 namespace pecs::sensor {
 
-double photocurrent_of_lux(const Chip& chip, double lux) {
+std::vector<double> photocurrent_of_lux(const Chip& chip, double lux) {
   const Spectrum lamp = named_spectrum("blackbody:3000"), photopic = named_spectrum("photopic");
   constexpr double kLumens_per_watt = 683;
   double lumens = 0;
@@ -16,9 +18,10 @@ double photocurrent_of_lux(const Chip& chip, double lux) {
     light.bands.push_back({nm, lamp.at(nm)});  // weights in the lamp's units; the bands' values are then 1
     lumens += kLumens_per_watt * photopic.at(nm) * lamp.at(nm);
   }
-  double amperes = 0;
-  for (const double a : amperes_per_unit(chip, light, {})) amperes += a;
-  return amperes * lux / lumens;
+  std::vector<double> out;
+  for (const std::vector<double>& amperes : Response(chip, light, amperes_per_unit(chip, light, {})).of_filter)
+    out.push_back(std::accumulate(amperes.begin(), amperes.end(), 0.0) * lux / lumens);
+  return out;
 }
 
 double lux_at_chip(double lux, double fnumber, double reflectance) {

@@ -55,10 +55,10 @@ struct LightInterval {
   std::int64_t frame = 0;
   // Keyframes on each chip, behind each of its filters; no second: the first alone.
   std::vector<const float*> first{}, second{};
-  std::optional<Carrier> carrier{};             // none: blended at the pixel
-  std::optional<CarriedLight> carried{};        // by the carrier, of each plane of a keyframe
-  std::vector<double> pictures{};               // fractions of the pictures rendered between
-  std::vector<Residuals> residuals{};           // likewise, or none
+  std::optional<Carrier> carrier{};       // none: blended at the pixel
+  std::optional<CarriedLight> carried{};  // by the carrier, of each plane of a keyframe
+  std::vector<double> pictures{};         // fractions of the pictures rendered between
+  std::vector<Residuals> residuals{};     // likewise, or none
   // Fractions at which a sensor takes planes: 0, then those along the motion (Carrier::instants),
   // and those of the pictures between in place of fractions close to them.
   std::vector<double> instants{0.0};

@@ -224,3 +224,32 @@ def test_an_exposure_does_not_miss_a_picture_between(tmp_path):
     with pecs.Light(stack, CHIP) as light:
         mean, two = light.mean(0, STEP_US), light.mean(0, STEP_US, 2)
         assert np.array_equal(mean, two) and not np.array_equal(mean, light.mean(0, STEP_US, 1))
+
+
+def test_each_pixel_of_a_mosaic_has_its_own_filter(stack, tmp_path):
+    """Light of the mosaic is that of chips whose QE is multiplied by a filter, pixel by pixel; so are its events."""
+    halves = {"A": [1.0, 0.4], "B": [0.2, 0.9]}
+    profile = json.loads((pecs.data_dir("sensor/chips") / "ideal.json").read_text())
+    curve = {"source": "test", "lambda_nm": [400, 700]}
+    profile["mosaic"] = {
+        "pattern": ["AB", "BB"],
+        "filters": {name: {**curve, "value": value} for name, value in halves.items()},
+    }
+    (tmp_path / "mosaic.json").write_text(json.dumps(profile))
+    y, x = np.mgrid[:72, :96]
+    is_a = (y % 2 == 0) & (x % 2 == 0)
+    t_us = [0.0, 1.2 * STEP_US]
+    with pecs.Light(stack, [tmp_path / "mosaic.json", CHIP]) as light:
+        mosaic, plain = light.at(t_us).swapaxes(0, 1)
+    for pixels, (low, high) in ((is_a, halves["A"]), (~is_a, halves["B"])):
+        transmittance = low + (high - low) * 0.5  # at 550 nm
+        same(mosaic[:, pixels] / plain[:, pixels], transmittance, 1e-5)
+    assert np.array_equal(pecs.Chip(tmp_path / "mosaic.json").photocurrent(stack, [0])[0], mosaic[0])
+    # This chip has no speed, so the same events as without filters.
+    found = []
+    for chip in (tmp_path / "mosaic.json", CHIP):
+        pecs.sense(stack, tmp_path / "out.raw", chip=chip)
+        events = pecs.read(tmp_path / "out.raw")
+        found.append(events[events["t"] < 0.9 * 2 * STEP_US])  # in the end all light is that of the beginning
+        (tmp_path / "out.raw").unlink()
+    assert len(found[0]) > 1000 and abs(len(found[0]) / len(found[1]) - 1) < 0.002

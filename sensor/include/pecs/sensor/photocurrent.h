@@ -22,9 +22,9 @@ struct PhotocurrentOptions {
 };
 inline constexpr double kDefaultWhite_a = 1e-12;
 
-// Amperes in a pixel of the chip, without its mosaic, per unit of each band's value. The pixel's area is the chip's: a stack of coarser
-// pixels (a quick render) gives each of them the light of one real pixel. Throws bad_input for radiance with neither
-// f-number nor gain, and if the QE is 0 in all bands; `name`: of the stack in such errors.
+// Amperes in a pixel of the chip, without its mosaic, per unit of each band's value. The pixel's area is the chip's: a
+// stack of coarser pixels (a quick render) gives each of them the light of one real pixel. Throws bad_input for
+// radiance with neither f-number nor gain, and if the QE is 0 in all bands; `name`: of the stack in such errors.
 std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,
                                      const std::string& name = "stack");
 
@@ -41,7 +41,8 @@ struct Response {
 
 // Rows [begin, end) of the planes of the filters, each pixel from that of its filter. `out` and the planes begin with
 // row `begin`.
-void pick_filters(const Mosaic& mosaic, std::span<const float* const> planes, int width, int begin, int end, float* out);
+void pick_filters(const Mosaic& mosaic, std::span<const float* const> planes, int width, int begin, int end,
+                  float* out);
 
 // Monte Carlo instead of the sum over all bands (Eq. 8-11): draws `n` bands, each with a probability proportional to
 // its share in the mean light (`mean_light` by band), and weights them by its inverse. All pixels share the drawn
@@ -72,7 +73,7 @@ class PhotocurrentReader {
   // A picture within the interval that begins at a frame, with its subpixels; NaN where it was not rendered.
   void read_between(std::int64_t frame, std::size_t which, std::size_t filter, float* plane);
   std::size_t filters() const { return femtoamperes_.size(); }
-  const Mosaic* mosaic() const { return mosaic_.get(); }  // none: one filter
+  const Mosaic* mosaic() const { return mosaic_.get(); }   // none: one filter
   std::int64_t not_finite() const { return not_finite_; }  // values so far, by pixel and frame
   std::int64_t negative() const { return negative_; }
 
