@@ -49,4 +49,30 @@ void CheckedWriter::close() {
   finish();
 }
 
+void RunWriter::put(std::span<const Event> events) {
+  constexpr std::size_t kBlock = 1 << 14;
+  while (!events.empty()) {
+    const auto block = events.first(std::min(kBlock, events.size()));
+    rest_.insert(rest_.end(), block.begin(), block.end());
+    put_runs(false);
+    events = events.subspan(block.size());
+  }
+}
+
+void RunWriter::finish() {
+  put_runs(true);
+  finish_file();
+}
+
+void RunWriter::put_runs(bool last) {
+  std::size_t i = 0;
+  while (i < rest_.size()) {
+    const auto left = std::span<const Event>(rest_).subspan(i);
+    const std::size_t n = run(left);
+    if (n == left.size() && !last) break;
+    i += put_run(left.first(n));
+  }
+  rest_.erase(rest_.begin(), rest_.begin() + static_cast<std::ptrdiff_t>(i));
+}
+
 }  // namespace pecs::events

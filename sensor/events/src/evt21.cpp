@@ -53,37 +53,37 @@ class Evt21Reader final : public RawReader<Evt21Reader, std::uint64_t> {
 
 constexpr Limits kEvt21Limits = {.t_min_us = 0, .t_max_us = std::int64_t{1} << 50, .max_size = kEvt21MaxSize};
 
-class Evt21Writer final : public CheckedWriter {
+class Evt21Writer final : public RunWriter {
  public:
   Evt21Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kEvt21Limits), file_(path) {
+      : RunWriter(path, size, kEvt21Limits), file_(path) {
     file_.put_text(raw_header_text("EVT21", "2.1", size, ";endianness=little"));
     put_high(0);
   }
 
  private:
-  void put(std::span<const Event> events) override {
-    for (std::size_t i = 0; i < events.size();) {
-      const Event& first = events[i];
-      const std::int64_t high = first.t_us >> 6;
-      step_time_high(high_, high, kEvt21Highs, [&](std::int64_t next) { put_high(next); });
-      high_ = high;
-
-      // A run to the right at one time and polarity within 32 aligned pixels is one word.
-      std::uint64_t mask = 0;
-      int last_x = -1;
-      for (; i < events.size(); ++i) {
-        const Event& e = events[i];
-        if (e.t_us != first.t_us || e.y != first.y || e.p != first.p || e.x / 32 != first.x / 32 || e.x <= last_x)
-          break;
-        mask |= std::uint64_t{1} << (e.x % 32);
-        last_x = e.x;
-      }
-      file_.put(std::uint64_t{first.p} << 60 | static_cast<std::uint64_t>(first.t_us & 0x3f) << 54 |
-                static_cast<std::uint64_t>(first.x & ~31) << 43 | std::uint64_t{first.y} << 32 | mask);
-    }
+  // A run to the right at one time and polarity within 32 aligned pixels is one word.
+  std::size_t run(std::span<const Event> events) const override {
+    const Event& first = events[0];
+    std::size_t n = 1;
+    while (n < events.size() && events[n].t_us == first.t_us && events[n].y == first.y && events[n].p == first.p &&
+           events[n].x / 32 == first.x / 32 && events[n].x > events[n - 1].x)
+      ++n;
+    return n;
   }
-  void finish() override { file_.commit(); }
+
+  std::size_t put_run(std::span<const Event> events) override {
+    const Event& first = events[0];
+    const std::int64_t high = first.t_us >> 6;
+    step_time_high(high_, high, kEvt21Highs, [&](std::int64_t next) { put_high(next); });
+    high_ = high;
+    std::uint64_t mask = 0;
+    for (const Event& e : events) mask |= std::uint64_t{1} << (e.x % 32);
+    file_.put(std::uint64_t{first.p} << 60 | static_cast<std::uint64_t>(first.t_us & 0x3f) << 54 |
+              static_cast<std::uint64_t>(first.x & ~31) << 43 | std::uint64_t{first.y} << 32 | mask);
+    return events.size();
+  }
+  void finish_file() override { file_.commit(); }
 
   void put_high(std::int64_t high) {
     file_.put(kEvt21TimeHigh << 60 | static_cast<std::uint64_t>(high % kEvt21Highs) << 32);

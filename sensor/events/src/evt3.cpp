@@ -95,34 +95,41 @@ class Evt3Reader final : public RawReader<Evt3Reader, std::uint16_t> {
 
 constexpr Limits kEvt3Limits = {.t_min_us = 0, .t_max_us = 10'000'000'000'000, .max_size = kEvt3MaxSize};
 
-class Evt3Writer final : public CheckedWriter {
+class Evt3Writer final : public RunWriter {
  public:
   Evt3Writer(const std::filesystem::path& path, const StreamInfo& size)
-      : CheckedWriter(path, size, kEvt3Limits), file_(path) {
+      : RunWriter(path, size, kEvt3Limits), file_(path) {
     file_.put_text(raw_header_text("EVT3", "3.0", size));
     put_time(0, 0);
   }
 
  private:
-  void put(std::span<const Event> events) override {
-    for (std::size_t i = 0; i < events.size();) {
-      const Event& e = events[i];
-      step_to(e.t_us);
-      if (e.y != y_) word(addr_y, static_cast<unsigned>(y_ = e.y));
-
-      // A run to the right at one time and polarity, as vectors of 32 pixels where that is shorter.
-      const std::size_t run = vector_run(events.subspan(i));
-      if (run > 4) {
-        put_vector(events.subspan(i, run));
-        i += run;
-      } else {
-        word(addr_x, unsigned{e.x} | unsigned{e.p} << 11);
-        ++i;
-      }
-    }
+  // A run to the right at one time and polarity in one vector of 32 pixels that ends inside the sensor.
+  std::size_t run(std::span<const Event> events) const override {
+    const Event& first = events[0];
+    if (info().width < 32) return 1;
+    const int end = std::max<int>(std::min(first.x + 32, info().width), 32);
+    std::size_t n = 1;
+    while (n < events.size() && events[n].t_us == first.t_us && events[n].y == first.y && events[n].p == first.p &&
+           events[n].x > events[n - 1].x && events[n].x < end)
+      ++n;
+    return n;
   }
 
-  void finish() override { file_.commit(); }
+  // As a vector where that is shorter.
+  std::size_t put_run(std::span<const Event> events) override {
+    const Event& e = events[0];
+    step_to(e.t_us);
+    if (e.y != y_) word(addr_y, static_cast<unsigned>(y_ = e.y));
+    if (events.size() > 4) {
+      put_vector(events);
+      return events.size();
+    }
+    word(addr_x, unsigned{e.x} | unsigned{e.p} << 11);
+    return 1;
+  }
+
+  void finish_file() override { file_.commit(); }
 
   void word(unsigned type, unsigned value) { file_.put(static_cast<std::uint16_t>(type << 12 | value)); }
 
@@ -137,18 +144,6 @@ class Evt3Writer final : public CheckedWriter {
     const std::int64_t high = t_us >> 12, low = t_us & 0xfff;
     step_time_high(high_, high, kEvt3Highs, [&](std::int64_t next) { put_time(next, next == high ? low : 0); });
     if (low != low_) word(time_low, static_cast<unsigned>(low_ = low));
-  }
-
-  // Number of events, from the first on, in one vector of 32 pixels that ends inside the sensor.
-  std::size_t vector_run(std::span<const Event> events) const {
-    const Event& first = events[0];
-    if (info().width < 32) return 1;
-    const int end = std::max<int>(std::min(first.x + 32, info().width), 32);
-    std::size_t n = 1;
-    while (n < events.size() && events[n].t_us == first.t_us && events[n].y == first.y && events[n].p == first.p &&
-           events[n].x > events[n - 1].x && events[n].x < end)
-      ++n;
-    return n;
   }
 
   void put_vector(std::span<const Event> events) {
