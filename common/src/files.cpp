@@ -179,6 +179,7 @@ std::string read_text(const fs::path& path, std::size_t max_bytes) {
       throw bad_input(path.string(), "", "more than " + std::to_string(max_bytes) + " bytes",
                       "at most " + std::to_string(max_bytes));
   });
+  if (text.starts_with("\xef\xbb\xbf")) text.erase(0, 3);  // a byte order mark
   return text;
 }
 

@@ -112,8 +112,6 @@ class StrictBuilder : public nlohmann::json_sax<Json> {
 }  // namespace
 
 Json parse_json(const std::string& text, const std::string& file) {
-  if (text.starts_with("\xef\xbb\xbf"))
-    throw bad_input(file, "byte 0", "a byte order mark", "UTF-8 without one (\"UTF-8\", not \"UTF-8 with BOM\")");
   if (text.starts_with("\xff\xfe") || text.starts_with("\xfe\xff")) throw bad_input(file, "byte 0", "UTF-16", "UTF-8");
   StrictBuilder builder(text, file);
   Json::sax_parse(text, &builder);

@@ -40,9 +40,9 @@ def read_bytes(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int, wanted: str = "text") -> str:
-    """UTF-8 text. `wanted` names the expected content in errors."""
+    """UTF-8 text, without a byte order mark. `wanted` names the expected content in errors."""
     try:
-        return read_bytes(path, max_bytes).decode()
+        return read_bytes(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as e:
         raise bad_input(path, f"byte {e.start}", "invalid UTF-8", f"{wanted} in UTF-8") from None
 

@@ -49,6 +49,11 @@ TEST_F(Files, Sha256IsTheStandardOne) {  // FIPS 180-2, appendix B.1
   EXPECT_EQ(pecs::sha256_of_file(dir_ / "abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
+TEST_F(Files, TextHasNoByteOrderMark) {
+  pecs::write_file(dir_ / "a", "\xef\xbb\xbf{}");
+  EXPECT_EQ(pecs::read_text(dir_ / "a", 10), "{}");
+}
+
 TEST_F(Files, MissingAndTooLargeFilesAreNamed) {
   EXPECT_THROW(pecs::read_text(dir_ / "none", 10), pecs::Error);
   pecs::AtomicFile file(dir_ / "c");

@@ -64,7 +64,8 @@ bool is_stream(const std::filesystem::path& path);  // whether it is a pipe or a
 // input folder, or another output. Empty paths are ignored.
 void check_outputs(const std::vector<std::filesystem::path>& inputs, const std::vector<std::filesystem::path>& outputs);
 
-std::string read_text(const std::filesystem::path& path, std::size_t max_bytes);  // throws not_found, bad_input
-std::string sha256_of_file(const std::filesystem::path& path);                    // lower-case hex; throws not_found
+// Without a byte order mark of UTF-8. Throws not_found, bad_input.
+std::string read_text(const std::filesystem::path& path, std::size_t max_bytes);
+std::string sha256_of_file(const std::filesystem::path& path);  // lower-case hex; throws not_found
 
 }  // namespace pecs
