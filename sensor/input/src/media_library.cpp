@@ -53,11 +53,12 @@ std::function<void(const cv::Mat&)> video_writer(const std::string& path, const 
   return [writer](const cv::Mat& frame) { writer->write(frame); };
 }
 
-constexpr int kLeastFlowPx = 12;  // DIS refuses smaller pictures
+constexpr int kLeastFlowPx = 8, kLeastLongPx = 12;  // DIS refuses pictures whose sides are shorter
 
 // At the pictures' own resolution; the preset stops at half of it.
 cv::Mat optical_flow(const cv::Mat& from, const cv::Mat& to) {
-  if (from.cols < kLeastFlowPx && from.rows < kLeastFlowPx) return cv::Mat::zeros(from.size(), CV_32FC2);
+  if (std::min(from.cols, from.rows) < kLeastFlowPx || std::max(from.cols, from.rows) < kLeastLongPx)
+    return cv::Mat::zeros(from.size(), CV_32FC2);
   const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
   dis->setFinestScale(0);
   dis->setPatchStride(4);

@@ -15,6 +15,7 @@
 #include "pecs/input/media.h"
 #include "pecs/input/motion_estimate.h"
 #include "pecs/sensor/stack.h"
+#include "picture_header.h"
 
 namespace pecs::input {
 namespace {
@@ -28,9 +29,9 @@ bool is_nominal(double own_ms, std::int64_t frame, double fps) {
 // OpenCV has no time, 0, for the last frames of a video with B frames.
 bool has_time(std::span<const double> own_ms, std::size_t frame) { return frame == 0 || own_ms[frame] != 0; }
 
-void check_pixel_aspect(const VideoFrames& video, const std::string& name) {
-  if (std::abs(video.pixel_aspect - 1) > 1e-3)
-    throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", video.pixel_aspect), "1 (square pixels: resample it)");
+void check_pixel_aspect(double aspect, const std::string& name) {
+  if (std::abs(aspect - 1) > 1e-3)
+    throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", aspect), "1 (square pixels: resample it)");
 }
 
 namespace fs = std::filesystem;
@@ -67,8 +68,8 @@ class Pictures : public sensor::FrameSource {
     const cv::Mat picture = frame(index);
     if (picture.size() != of_file_ || linear_.bands_of(picture).size() != info_.bands.size())
       throw bad_input(path_.string(), fmt::format("frame {}", index),
-                      fmt::format("{}x{}, {} channels", picture.cols, picture.rows, picture.channels()),
-                      fmt::format("{}x{} as the first", of_file_.width, of_file_.height));
+                      fmt::format("{}x{}, {} bands", picture.cols, picture.rows, linear_.bands_of(picture).size()),
+                      fmt::format("{}x{}, {} bands as the first", of_file_.width, of_file_.height, info_.bands.size()));
     const cv::Size size(info_.width, info_.height);
     if (used_.size() == size) return sink(begin, end - begin, linear_(picture(used_).rowRange(begin, end)));
     std::vector<float> values = linear_(picture(used_)), out;
@@ -155,7 +156,23 @@ class Folder final : public Pictures {
     cv::Mat picture =
         media().read_picture(file.string(), cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH);  // turned as EXIF has it
     if (picture.empty()) throw bad_input(file.string(), "", "no picture that OpenCV can read", "PNG, TIFF, JPEG, …");
+    const PictureHeader header = picture_header(file);
+    check_pixel_aspect(header.pixel_aspect, file.string());
+    if (header.alpha) check_opaque(file);
     return picture;
+  }
+
+  // A transparent picture has no light without a background.
+  static void check_opaque(const fs::path& file) {
+    const cv::Mat picture = media().read_picture(file.string(), cv::IMREAD_UNCHANGED);
+    cv::Mat alpha = cv::Mat::zeros(1, 1, CV_8U);  // a transparent grey value, which OpenCV does not read
+    if (picture.channels() == 4) cv::extractChannel(picture, alpha, 3);
+    const double full = alpha.depth() == CV_8U ? 255 : alpha.depth() == CV_16U ? 65535 : 1;
+    double least = 0;
+    cv::minMaxIdx(alpha, &least);
+    if (least < full)
+      throw bad_input(file.string(), "alpha", fmt::format("{:.3g}", least / full),
+                      "1 everywhere (opaque: put a background behind the picture)");
   }
 
   std::vector<fs::path> files_;
@@ -169,7 +186,7 @@ class Video final : public Pictures {
     cv::Mat first;
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
-    check_pixel_aspect(video_, path.string());
+    check_pixel_aspect(video_.pixel_aspect, path.string());
     std::vector<double> own_ms = {video_.time_ms()};  // and their number: containers' own counts are often wrong
     while (video_.skip()) own_ms.push_back(video_.time_ms());
     set_times(options.times, own_ms);

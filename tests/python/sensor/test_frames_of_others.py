@@ -153,6 +153,43 @@ def test_hidden_files_are_left_out(tmp_path, pecs_program):
     assert_same(simulated(pecs_program, folder, tmp_path / "o.npz", "--fps", 1000), wanted)
 
 
+@pytest.mark.parametrize("end", ["png", "tif", "jpg", "bmp"])
+def test_the_resolution_states_the_shape_of_pixels(tmp_path, pecs_program, end):
+    image = pytest.importorskip("PIL.Image")
+    for name, dpi in (("tall", (200, 100)), ("square", (300, 300)), ("none", None)):
+        (tmp_path / name).mkdir()
+        for i, frame in enumerate(FRAMES[:6]):
+            more = {"dpi": dpi} if dpi else {}
+            picture = image.fromarray(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
+            picture.save(tmp_path / name / f"{i}.{end}", **more)
+    refused(pecs_program, tmp_path / "tall", f"0.{end}: pixel aspect: got 0.5, wanted 1", "--fps", 100)
+    none = simulated(pecs_program, tmp_path / "none", tmp_path / "o.npz", "--fps", 1000)
+    assert_same(simulated(pecs_program, tmp_path / "square", tmp_path / "o.npz", "--fps", 1000), none)
+
+
+@pytest.mark.parametrize("kind", ["RGBA png", "LA png", "P png", "L png", "RGBA tif", "RGBA webp"])
+def test_transparent_pictures_have_no_light(tmp_path, pecs_program, kind):
+    """Colours under transparent pixels are whatever the program that wrote them left there. Opaque alpha is none."""
+    image = pytest.importorskip("PIL.Image")
+    mode, end = kind.split()
+    for name in ("opaque", "clear"):
+        (tmp_path / name).mkdir()
+        for i, frame in enumerate(FRAMES[:6]):
+            grey, more = np.round(255 * np.sqrt(frame)).astype(np.uint8), {"lossless": True} if end == "webp" else {}
+            opacity = np.full_like(grey, 255)
+            opacity[:5] = 255 if name == "opaque" else 100
+            picture = image.fromarray(grey)
+            if mode in ("P", "L"):
+                picture = picture.convert(mode)
+                more = {"transparency": picture.getpixel((0, 0))} if name == "clear" else {}
+            else:
+                picture = picture.convert(mode)
+                picture.putalpha(image.fromarray(opacity))
+            picture.save(tmp_path / name / f"{i}.{end}", **more)
+    refused(pecs_program, tmp_path / "clear", f"0.{end}: alpha: got ", "--fps", 100)
+    simulated(pecs_program, tmp_path / "opaque", tmp_path / "o.npz", "--fps", 1000)
+
+
 # --- OpenEXR ----------------------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,111 @@
+#include "picture_header.h"
+
+#include <array>
+#include <fstream>
+#include <string>
+
+namespace pecs::input {
+namespace {
+
+class Bytes {
+ public:
+  explicit Bytes(const std::filesystem::path& path) : file_(path, std::ios::binary) {}
+
+  // `size` bytes from `at` on, zeros beyond the end.
+  std::string text(std::uint64_t at, std::size_t size) {
+    std::string out(size, '\0');
+    file_.clear();
+    file_.seekg(static_cast<std::streamoff>(at));
+    file_.read(out.data(), static_cast<std::streamsize>(size));
+    return out;
+  }
+  std::uint32_t number(std::uint64_t at, std::size_t size, bool big) {
+    const std::string bytes = text(at, size);
+    std::uint32_t value = 0;
+    for (std::size_t i = 0; i < size; ++i)
+      value = value << 8 | static_cast<unsigned char>(bytes[big ? i : size - 1 - i]);
+    return value;
+  }
+
+ private:
+  std::ifstream file_;
+};
+
+// Of pixels per length; 0: not stated.
+double aspect_of(double per_width, double per_height) {
+  return per_width > 0 && per_height > 0 ? per_height / per_width : 1;
+}
+
+constexpr int kMostParts = 1000;  // chunks, segments or entries that precede the picture
+
+PictureHeader of_png(Bytes& file) {
+  PictureHeader out;
+  out.alpha = file.number(25, 1, true) & 4;  // colour types 4 and 6
+  std::uint64_t at = 8;
+  for (int i = 0; i < kMostParts; ++i) {
+    const std::uint32_t size = file.number(at, 4, true);
+    const std::string type = file.text(at + 4, 4);
+    if (type == "IDAT" || type == "IEND") break;
+    out.alpha |= type == "tRNS";
+    if (type == "pHYs") out.pixel_aspect = aspect_of(file.number(at + 8, 4, true), file.number(at + 12, 4, true));
+    at += 12 + std::uint64_t{size};
+  }
+  return out;
+}
+
+// TIFF 6.0: the entries of the first directory. Exif has the same in a JPEG file, from `start` on.
+PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
+  constexpr int kXResolution = 282, kYResolution = 283, kExtraSamples = 338;
+  const bool big = file.text(start, 2) == "MM";
+  const std::uint64_t directory = start + file.number(start + 4, 4, big);
+  const std::uint32_t entries = file.number(directory, 2, big);
+  PictureHeader out;
+  std::array<double, 2> per_length{};
+  for (std::uint32_t i = 0; i < entries && i < kMostParts; ++i) {
+    const std::uint64_t at = directory + 2 + 12 * i;
+    const std::uint32_t tag = file.number(at, 2, big);
+    out.alpha |= tag == kExtraSamples;
+    if (tag != kXResolution && tag != kYResolution) continue;
+    const std::uint64_t rational = start + file.number(at + 8, 4, big);
+    const double below = file.number(rational + 4, 4, big);
+    per_length[tag - kXResolution] = below > 0 ? file.number(rational, 4, big) / below : 0;
+  }
+  out.pixel_aspect = aspect_of(per_length[0], per_length[1]);
+  return out;
+}
+
+PictureHeader of_jpeg(Bytes& file) {
+  PictureHeader out;
+  std::uint64_t at = 2;
+  for (int i = 0; i < kMostParts && file.number(at, 1, true) == 0xff; ++i) {
+    const std::uint32_t kind = file.number(at + 1, 1, true);
+    if (kind == 0xda) break;  // start of scan
+    if (kind == 0xe0 && file.text(at + 4, 5) == std::string("JFIF\0", 5))
+      out.pixel_aspect = aspect_of(file.number(at + 12, 2, true), file.number(at + 14, 2, true));
+    if (kind == 0xe1 && file.text(at + 4, 4) == "Exif" && out.pixel_aspect == 1)
+      out.pixel_aspect = of_tiff(file, at + 10).pixel_aspect;
+    at += 2 + file.number(at + 2, 2, true);
+  }
+  return out;
+}
+
+PictureHeader of_webp(Bytes& file) {
+  const std::string kind = file.text(12, 4);
+  return {.alpha = (kind == "VP8X" && file.number(20, 1, false) & 0x10) ||
+                   (kind == "VP8L" && file.number(24, 1, false) & 0x10)};
+}
+
+}  // namespace
+
+PictureHeader picture_header(const std::filesystem::path& path) {
+  Bytes file(path);
+  const std::string head = file.text(0, 12);
+  if (head.starts_with("\x89PNG")) return of_png(file);
+  if (head.starts_with(std::string("II*\0", 4)) || head.starts_with(std::string("MM\0*", 4))) return of_tiff(file);
+  if (head.starts_with("\xff\xd8")) return of_jpeg(file);
+  if (head.starts_with("BM")) return {aspect_of(file.number(38, 4, false), file.number(42, 4, false))};
+  if (head.starts_with("RIFF") && head.ends_with("WEBP")) return of_webp(file);
+  return {};
+}
+
+}  // namespace pecs::input
