@@ -242,7 +242,7 @@ class TextReader : public EventReader<TextReader> {
       pending_ = true;
     } else if (wanted_ == Convention::csv) {
       throw lines_.damage(line_, kWanted);
-    } else if (wanted_ == Convention::v2e || (seconds && allows(Convention::v2e))) {
+    } else if (wanted_ == Convention::v2e || (seconds && allows(Convention::v2e) && parse_decimal(first, 6))) {
       convention_ = Convention::v2e;
       layout_ = {{0, 1, 2, 3}, 1, 6};
       while (!next_word(rest).empty()) ++layout_.columns;

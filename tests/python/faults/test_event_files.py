@@ -202,6 +202,13 @@ def test_npz_sizes_are_those_stored(pecs_program, tmp_path):
     refused(pecs_program("info", tmp_path / "b.npz", timeout=60), 4, "2000000000 values")
 
 
+def test_a_video_is_no_text_of_events(pecs_program, tmp_path):
+    """Words of four columns, the first with a point, may stand in any binary file."""
+    (tmp_path / "a.mp4").write_bytes(b"\0\0\0\x1cftyp.isom\0 \1 \2 \3\n")
+    refused(pecs_program("info", tmp_path / "a.mp4"), 4, "got content of no known event format")
+    refused(pecs_program("sense", tmp_path / "a.mp4", "-o", "e.raw"), 4, "got no video that OpenCV can read")
+
+
 @pytest.mark.parametrize("ends", ["\r", "\r\n", "\n"], ids=["cr", "crlf", "lf"])
 @pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["", "bom"])
 def test_csv_from_elsewhere(tmp_path, ends, mark):
