@@ -316,6 +316,8 @@ void align_recording(const AlignArguments& a, Console& console) {
   for (const auto& [key, value] : aligned.json["parameters"].items())
     fmt::print("{:<18}{:12.4f} ± {:.4f}  (was {:.4f})\n", key, value.get<double>(),
                found.deviation.contains(key) ? found.deviation.at(key) : 0.0, original.values.at(key));
+  for (const auto& [key, value] : aligned.json["not_estimated"].items())
+    fmt::print("{:<18}{:>12}   (the scene's, not estimated: measure it, and set it by --set)\n", key, text_of(value));
   const cv::Vec3d r = aligned.scene.rotation_deg;
   fmt::print("{:<18}{:.4f} {:.4f} {:.4f} deg (Blender, XYZ)\n", "camera rotation", r[0], r[1], r[2]);
   fmt::print("{:<18}offset {:.1f} us, rate {:.6f}\n", "clock", aligned.clock_offset_us, aligned.clock_rate);

@@ -70,6 +70,7 @@ Aligned finished(const LabScene& scene, const TargetEstimate& real, const cv::Ve
               {"scene", scene.name},
               {"camera", {{"rotation_deg", {r[0], r[1], r[2]}}}},
               {"parameters", found},
+              {"not_estimated", scene.light},
               {"clock", {{"offset_us", out.clock_offset_us}, {"rate", out.clock_rate}}},
               {"deviation", real.deviation},
               {"residual", real.residual},

@@ -42,6 +42,7 @@ LabScene load_lab_scene(const std::string& folder) {
   for (const auto& [key, value] : json["parameters"].items()) {
     if (key.starts_with('_')) continue;
     JsonObject declared = parameters.object(key);
+    if (key == "illuminance_lux" || key == "lamp_spectrum") s.light[key] = declared.any("value");
     if (!declared.any("value").is_number()) continue;
     s.values[key] = declared.number("value");
     if (!declared.has("range")) continue;

@@ -132,6 +132,7 @@ TEST(Align, BoardAndCorrectionByASimulation) {
   EXPECT_NEAR(a.at("start_right_mm"), 60, 1.5);
   EXPECT_NEAR(a.at("board_distance_mm"), 1500, 10);
   EXPECT_LT(real.residual["rms_px"], 0.3);
+  EXPECT_EQ(text_of(first.json["not_estimated"]), R"({"illuminance_lux":100,"lamp_spectrum":"led_b3"})");
 
   // A wrong distance (or square) gives a warning; a wrong count and a reversal are errors.
   LabScene nearer = scene;

@@ -25,6 +25,7 @@ using DiskMotion = UniformMotion<Degrees>;       // of a white sector's leading 
 struct LabScene {
   std::string name, file;                // name of the folder; path of scene.json
   std::map<std::string, double> values;  // its numbers
+  Json light = Json::object();           // its illuminance and spectrum, which no recording shows
   std::map<std::string, Range> ranges;
   LensSetting lens;
   cv::Vec3d rotation_deg{90, 0, 0};
