@@ -68,18 +68,27 @@ events::StreamInfo input_info(const ConvertArguments& o, const events::Codec& co
   return info;
 }
 
-// pecs.ros reads and writes ROS bags; it runs this command on a file of events.
-bool has_bag(const ConvertArguments& o) {
+// Which of the two files are ROS bags. pecs.ros reads and writes them; it runs this command on a file of events.
+struct Bags {
+  bool in, out;
+};
+
+Bags bags_of(const ConvertArguments& o) {
   const std::string end = std::filesystem::path(o.out).extension().string();
-  return events::is_ros_bag(o.in) || end == ".bag" || end == ".mcap" || o.out.ends_with('/') || o.topic ||
-         (o.format && o.format->ends_with("_msgs"));
+  const Bags bags{events::is_ros_bag(o.in), end == ".bag" || end == ".mcap" || o.out.ends_with('/') ||
+                                                (o.format && o.format->ends_with("_msgs"))};
+  if (o.topic && !bags.in && !bags.out)
+    throw Error(ExitCode::usage, fmt::format("{}, {}: --topic: got no ROS bag, wanted one", o.in, o.out));
+  return bags;
 }
 
-[[noreturn]] void convert_bag(const ConvertArguments& o, const Console& console) {
-  std::vector<std::string> words = {"pecs._convert_bag", o.in, o.out};
+[[noreturn]] void convert_bag(const ConvertArguments& o, Bags bags, const Console& console) {
+  std::vector<std::string> words = {"pecs._convert_bag"};
+  if (bags.in) words.emplace_back("--from-bag");
+  if (bags.out) words.emplace_back("--to-bag");
   if (o.topic) words.push_back("--topic=" + *o.topic);
   if (o.format) words.push_back("--format=" + *o.format);
-  words.emplace_back("--");
+  words.insert(words.end(), {"--", o.in, o.out});
   words.insert(words.end(), console.arguments().begin(), console.arguments().end());
   become_python("convert", std::move(words));
 }
@@ -185,7 +194,10 @@ void add_convert(CLI::App& app, Console& console) {
                 "pecs convert events.txt events.npz --input-format e2vid",
                 "pecs convert events.raw steady.raw --afk 90:110 --dropped flicker.npy",
                 "pecs convert recording.bag events.raw --rezero --topic /dvs/events"});
-  sub->callback([o, &console] { has_bag(*o) ? convert_bag(*o, console) : convert(*o, console); });
+  sub->callback([o, &console] {
+    const Bags bags = bags_of(*o);
+    bags.in || bags.out ? convert_bag(*o, bags, console) : convert(*o, console);
+  });
 }
 
 }  // namespace pecs::app

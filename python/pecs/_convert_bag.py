@@ -6,18 +6,19 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import warnings
 from functools import partial
 from pathlib import Path
 
 from ._arguments import Parser
 from ._command import answer
 from ._config import read_json
-from ._errors import UsageError
+from ._errors import UsageError, one_line
 from ._files import check_outputs, sha256, write_json
 from ._platform import die_with_parent
 from ._program import program
 from .events import EventReader
-from .ros import MESSAGES, check_messages, is_bag, unpack, write_bag
+from .ros import MESSAGES, check_messages, unpack, write_bag
 
 
 def _parser() -> Parser:
@@ -25,30 +26,31 @@ def _parser() -> Parser:
     add = parser.add_argument
     add("input", help="a bag or a file of events")
     add("output", help="a file of events, or a bag: .bag, .mcap, or a folder")
+    add("--from-bag", action="store_true", help="INPUT is a bag")
+    add("--to-bag", action="store_true", help="OUTPUT becomes a bag")
     add("--topic", help="of the events of INPUT if it is a bag, otherwise of OUTPUT")
     add("--format", help="format of a file; of a bag its messages: " + " or ".join(MESSAGES))
     return parser
 
 
 def main(argv: list[str]) -> int:
-    """INPUT OUTPUT [OPTIONS] -- and the command line of the program."""
-    at = argv.index("--")
-    return answer(_parser(), partial(_convert, argv[at + 1 :]), argv[:at])
+    """[OPTIONS] -- INPUT OUTPUT and the command line of the program."""
+    end = argv.index("--") + 3
+    return answer(_parser(), partial(_convert, argv[end:]), argv[:end])
 
 
 def _convert(words: list[str], args: argparse.Namespace) -> None:
     """Runs the program with a file of events in place of each bag."""
     source, target = Path(args.input), Path(args.output)
-    from_bag = is_bag(source)
-    messages = (args.format or "").endswith("_msgs")
-    to_bag = messages or target.suffix.lower() in (".bag", ".mcap") or args.output.endswith("/")
+    from_bag, to_bag = args.from_bag, args.to_bag
     if to_bag and args.format is not None:
         check_messages(f"{target}: --format", args.format)
-    if not (from_bag or to_bag):
-        raise UsageError(f"{args.input}, {args.output}: --topic: got no ROS bag, wanted one")
     check_outputs([source], [target])
     with tempfile.TemporaryDirectory(prefix="pecs-") as folder:
-        file = unpack(source, Path(folder), args.topic) if from_bag else source
+        with warnings.catch_warnings(record=True) as caught:
+            file = unpack(source, Path(folder), args.topic) if from_bag else source
+        for warning in caught:
+            print(f"pecs: warning: {one_line(str(warning.message))}", file=sys.stderr)
         made = Path(folder) / "made.npz" if to_bag else target
         aliases = {args.input: str(file), args.output: str(made)}
         run = [aliases.get(word, word) for word in _without(words, ["--topic"] + ["--format"] * to_bag)]

@@ -16,9 +16,12 @@ The stamp of a message is the time of its first event; times are those of the ev
 
 from __future__ import annotations
 
+import re
 import shutil
+import sqlite3
 import struct
 import tempfile
+import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -31,7 +34,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._errors import ExitCode, PecsError, PecsInputError, UsageError, bad_input, existing, optional_module
+from ._errors import (
+    ExitCode,
+    PecsError,
+    PecsInputError,
+    PecsOutputError,
+    UsageError,
+    bad_input,
+    existing,
+    optional_module,
+    shown,
+)
 from ._files import whole, whole_folder
 from .events import EVENT_DTYPE, Events, EventWriter, as_events, read
 
@@ -41,6 +54,8 @@ MESSAGES = {"dvs_msgs": (ARRAYS[0], "/dvs/events"), "event_camera_msgs": (PACKET
 STORAGES = ("ros1", "mcap", "sqlite3")
 PERIOD_US, MOST_EVENTS = 10_000, 100_000  # of an EventArray
 MOST_PIXELS = 2048  # of a side, in EVT3
+MOST_PADDING = 7  # bytes behind a serialised message of CDR
+_TOPIC = re.compile(r"[/~]?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 _BLOCK = 1 << 16
 
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -95,7 +110,7 @@ class Bag:
     """A bag to write. `path` must not exist: a file for storage "ros1", a folder for "mcap" and "sqlite3"."""
 
     def __init__(self, path: Path, storage: str):
-        self.ros1 = storage == "ros1"
+        self.path, self.ros1 = path, storage == "ros1"
         self._store, self._connections = _store(self.ros1), {}
         if self.ros1:
             self._writer = _rosbags("rosbag1").Writer(path)
@@ -103,14 +118,23 @@ class Bag:
             rosbag2 = _rosbags("rosbag2")
             plugin = rosbag2.StoragePlugin[storage.upper()]
             self._writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
-        self._writer.open()
+        with self._writing():
+            self._writer.open()
 
     def __enter__(self) -> Bag:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
-            self._writer.close()
+            with self._writing():
+                self._writer.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as e:
+            raise PecsOutputError(f"{self.path}: cannot be written: {e}") from None
 
     def message(self, name: str, *values: Any, **fields: Any) -> Any:
         return self._store.types[name](*values, **fields)
@@ -128,9 +152,10 @@ class Bag:
 
     def write(self, topic: str, name: str, t_ns: int, data: bytes) -> None:
         """`name`: of the type; `data`: serialised."""
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, name, typestore=self._store)
-        self._writer.write(self._connections[topic], max(t_ns, 1), data)  # ROS 1 has no time 0
+        with self._writing():
+            if topic not in self._connections:
+                self._connections[topic] = self._writer.add_connection(topic, name, typestore=self._store)
+            self._writer.write(self._connections[topic], max(t_ns, 1), data)  # ROS 1 has no time 0
 
     def event_messages(
         self, blocks: Iterable[NDArray[Any]], width: int, height: int, messages: str, frame: str
@@ -257,6 +282,8 @@ def write_bag(
     storage = {".bag": "ros1", ".mcap": "mcap"}.get(path.suffix.lower(), "sqlite3")
     messages = messages or ("dvs_msgs" if storage == "ros1" else "event_camera_msgs")
     check_messages(str(path), messages)
+    if topic is not None and not _TOPIC.fullmatch(topic):
+        raise UsageError(f"{path}: topic: got {shown(topic)}, wanted a name of ROS, such as /dvs/events")
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)
     check_size(path, width, height, messages)
     given = (events[i : i + _BLOCK] for i in range(0, len(events), _BLOCK)) if hasattr(events, "dtype") else events
@@ -377,6 +404,12 @@ def unpack(bag: Path, folder: Path, topic: str | None = None) -> Path:
         messages = _alike(bag, place, chain([first], messages))
         encoding = getattr(first, "encoding", "")
         if encoding == "evt3":
+            if first.is_bigendian:
+                raise PecsError(
+                    f"{bag}: {place}: got evt3 with is_bigendian, wanted little-endian words", ExitCode.UNSUPPORTED
+                )
+            if max(first.width, first.height) > MOST_PIXELS:
+                raise bad_input(bag, f"{place}: size", f"{first.width}x{first.height}", f"at most {MOST_PIXELS} pixels")
             return _raw_file(folder / "events.raw", messages, first.width, first.height)
         if encoding not in ("", "mono"):
             error = f"{bag}: {place}: got encoding {encoding}, wanted evt3 or mono"
@@ -440,14 +473,19 @@ def _connections(path: Path, reader: Any, topic: str | None) -> list[Any]:
 
 
 def _alike(path: Path, place: str, messages: Iterable[Any]) -> Iterator[Any]:
-    """Raises PecsInputError where the size or the encoding changes."""
+    """Raises PecsInputError where the size or the encoding changes. Warns of packets that are missing."""
     first: tuple[Any, ...] | None = None
+    lost, seq = 0, None
     for i, message in enumerate(messages):
+        lost += max(0, message.seq - seq - 1) if seq is not None else 0
+        seq = getattr(message, "seq", None)
         this = (message.width, message.height, getattr(message, "encoding", ""))
         first = first or this
         if this != first:
             raise bad_input(path, f"{place}: message {i}", "{}x{} {}".format(*this), "{}x{} {}".format(*first))
         yield message
+    if lost:
+        warnings.warn(f"{path}: {place}: {lost} packets are missing (gaps in seq), and their events", stacklevel=2)
 
 
 def _array(path: Path, place: str, raw: bytes, ros1: bool) -> Any:
@@ -459,7 +497,7 @@ def _array(path: Path, place: str, raw: bytes, ros1: bool) -> Any:
     height, width, count = struct.unpack_from("<III", raw, at)
     body = memoryview(raw)[at + 12 :]
     wanted = 13 * count if ros1 else max(16 * count - 3, 0)
-    if len(body) < wanted:
+    if not 0 <= len(body) - wanted <= (0 if ros1 else MOST_PADDING):
         raise bad_input(path, place, f"{len(body)} bytes of {count} events", f"{wanted}")
     out = np.zeros(count, EVENT_DTYPE)
     if ros1:
@@ -471,6 +509,8 @@ def _array(path: Path, place: str, raw: bytes, ros1: bool) -> Any:
     out["y"], out["p"] = rows["y"], rows["p"] != 0
     if count and not ros1:
         out["x"][0], out["y"][0] = rows.view("<u2")[:2]
+    if (rows["ns"] >= 10**9).any():
+        raise bad_input(path, f"{place}: ts", f"{rows['ns'].max()} ns", "less than a second")
     out["t"] = rows["s"].astype(np.int64) * 1_000_000 + (rows["ns"].astype(np.int64) + 500) // 1000
     return SimpleNamespace(width=width, height=height, events=out)
 
@@ -479,6 +519,8 @@ def _mono(path: Path, place: str, message: Any) -> NDArray[np.void]:
     """Events of an EventPacket of encoding mono: p in bit 63, y in 62..48, x in 47..32, ns after time_base in 31..0."""
     if len(message.events) % 8:
         raise bad_input(path, place, f"{len(message.events)} bytes", "a multiple of 8")
+    if message.time_base >= 1 << 62:
+        raise bad_input(path, f"{place}: time_base", str(message.time_base), "a time in ns")
     words = message.events.view(">u8" if message.is_bigendian else "<u8").astype(np.uint64)
     out = np.zeros(len(words), EVENT_DTYPE)
     out["p"], out["y"], out["x"] = words >> 63, words >> 48 & 0x7FFF, words >> 32 & 0xFFFF

@@ -147,6 +147,42 @@ def test_bags_that_are_wrong(pecs_program, tmp_path):
     with ros.Bag(tmp_path / "none.bag", "ros1") as none:
         none.write("/t", "std_msgs/msg/Header", 1, none.serialized(none.header(1, "c")))
     fails(4, "topics: got /t (std_msgs/Header), wanted one of dvs_msgs/EventArray", tmp_path / "none.bag", out)
+
+    def one(name, kind, data, count=1):
+        with ros.Bag(tmp_path / name, "ros1") as made:
+            for i in range(count):
+                made.write("/e", kind, i + 1, data(made, i))
+        return tmp_path / name
+
+    def array_of(made, change):  # 2 events, with bytes of their own
+        (_, data), *_ = made.event_messages([STREAMS["bursts"][:2]], WIDTH, HEIGHT, "dvs_msgs", "c")
+        return change(data)
+
+    more = one("more.bag", ros.ARRAYS[0], lambda made, _: array_of(made, lambda data: data + b"\0"))
+    fails(4, "topic /e: got 27 bytes of 2 events, wanted 26", more, out)
+    late = one("late.bag", ros.ARRAYS[0], lambda made, _: array_of(made, lambda data: data[:-5] + b"\xff" * 5))
+    fails(4, "topic /e: ts: got 4294967295 ns, wanted less than a second", late, out)
+
+    def packet_of(**fields):
+        content = {"height": 8, "width": 8, "seq": 0, "time_base": 0, "encoding": "evt3", "is_bigendian": False}
+        content |= {"events": np.array([0x8000, 0x6001, 0x0001, 0x2001], "<u2").view(np.uint8), **fields}
+        return lambda made, i: made.serialized(
+            made.message(ros.PACKETS[0], header=made.header(1, "c"), **content | {"seq": 3 * i})
+        )
+
+    for fields, code, wanted in (
+        ({"is_bigendian": True}, 6, "got evt3 with is_bigendian, wanted little-endian words"),
+        ({"width": 4096}, 4, "size: got 4096x8, wanted at most 2048 pixels"),
+        ({"encoding": "mono", "time_base": 1 << 63}, 4, "time_base: got 9223372036854775808, wanted a time in ns"),
+    ):
+        fails(code, f"topic /e: {wanted}", one("packet.bag", ros.PACKETS[0], packet_of(**fields)), out)
+        (tmp_path / "packet.bag").unlink()
+    gaps = one("gaps.bag", ros.PACKETS[0], packet_of(), 3)
+    done = pecs_program("convert", gaps, tmp_path / "gaps.csv", check=True)
+    assert done.stderr == f"pecs: warning: {gaps}: topic /e: 4 packets are missing (gaps in seq), and their events\n"
+    with pytest.warns(UserWarning, match="4 packets are missing"):
+        assert len(ros.read_bag(gaps)) == 3
+    fails(2, 'topic: got "/a b", wanted a name of ROS', tmp_path / "gaps.csv", tmp_path / "e.mcap", "--topic", "/a b")
     info = pecs_program("info", bag)
     assert info.returncode == 4 and "got a ROS bag, wanted an event file (pecs convert IN OUT.raw)" in info.stderr
     (tmp_path / "folder").mkdir()
