@@ -12,7 +12,7 @@ import struct
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -59,7 +59,7 @@ class _Models:
         chip = {key: entry["value"] for key, entry in setup["chip"]["values"].items()}
         given = SimpleNamespace(width=setup["width"], height=setup["height"], seed=setup["seed"], chip=chip)
         instance = self.model(given, **setup["parameters"])
-        self.running.append((instance, (2, given.height, given.width)))
+        self.running.append((instance, (2, setup["height"], setup["width"])))
         return len(self.running)
 
     def interval(self, number: int, planes: NDArray[np.float32], t_us: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,14 +136,14 @@ def _load(text: str) -> _Models:
     file, _, name = text.rpartition(":")
     path = existing(Path(file), "a Python file").resolve()
     sys.path.insert(0, str(path.parent))
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location("_pecs_model", path)  # not the name of a module that is in use
     if spec is None or spec.loader is None:
         raise PecsNotFoundError(f"{file}: cannot be opened, wanted a Python file")
-    module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     model = getattr(module, name, None)
     if not callable(model):
-        known = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == path.stem]
+        known = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == spec.name]
         raise UsageError(f"--model: got {text}, wanted one of {file}'s {', '.join(known) or 'models (it has none)'}")
     return _Models(model, text)
 
@@ -184,11 +184,13 @@ def _serve(text: str, verbose: bool, stream: socket.socket) -> None:
                 send(b"=" + models.interval(number, planes, np.array([begin_us, end_us])).tobytes())
     except (KeyboardInterrupt, ConnectionError):
         return  # the program ends, too, or has ended
-    except Exception as e:
+    except BaseException as e:  # SystemExit, too
         code, line = _line_of(e, text, verbose)
-        send(json.dumps({"code": int(code), "error": one_line(line)}).encode())
+        with suppress(OSError):  # the model closed the stream
+            send(json.dumps({"code": int(code), "error": one_line(line)}).encode())
 
 
 if __name__ == "__main__":
     with socket.socket(fileno=os.dup(0)) as stream:
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # the model's standard input
         _serve(sys.argv[1], "--verbose" in sys.argv[2:], stream)

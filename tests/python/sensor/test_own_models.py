@@ -175,9 +175,11 @@ def test_the_program_runs_a_file(models, sense, tmp_path):
 FILES = {
     "Causes": (0, "begins"),
     "Model": (2, "--labels: got model model.py:Model, wanted pecs"),
-    "Nothing": (2, "--model: got model.py:Nothing, wanted one of model.py's Model, Bad, Ends, Causes"),
+    "Nothing": (2, "--model: got model.py:Nothing, wanted one of model.py's Model, Bad, Ends, Exits, Asks, Causes"),
     "Bad": (4, "model.py: line 12: ZeroDivisionError: division by zero"),
     "Ends": (3, "--model model.py:Ends: "),
+    "Exits": (4, "model.py: line 19: SystemExit: 0"),
+    "Asks": (4, "model.py: line 22: EOFError: "),
 }
 
 
@@ -199,6 +201,12 @@ class Ends(Model):
     def __call__(self, planes, t_us):
         import os
         os._exit(0)
+class Exits(Model):
+    def __call__(self, planes, t_us):
+        raise SystemExit(0)
+class Asks(Model):
+    def __call__(self, planes, t_us):
+        return input()
 class Causes(Model):
     tells_causes = True
     def __call__(self, planes, t_us):
