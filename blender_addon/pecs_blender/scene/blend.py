@@ -11,7 +11,7 @@ from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError,
 
 from ..spectral.spectra import Spectrum
 from . import content, cycles
-from .outside_files import missing_files
+from .outside_files import missing_files, unreadable_pictures
 from .source import Source
 
 MOST_NAMES = 5  # in a note
@@ -138,6 +138,8 @@ def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
         raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
     for missing in missing_files(scene):
         raise PecsNotFoundError(f"{path}: {missing}")
+    for unreadable in unreadable_pictures():
+        raise PecsInputError(f"{path}: {unreadable}")
 
 
 def notes(scene: bpy.types.Scene) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import bpy
-from pecs._errors import ExitCode, PecsError, bad_input
+from pecs._errors import ExitCode, PecsError, PecsNotFoundError, bad_input
 
 from . import cycles
 
@@ -27,7 +27,21 @@ def _axes(up: str | None, default: str) -> dict[str, str]:
 
 
 def _obj(path: str, up: str | None) -> None:
+    with open(path, "rb") as file:
+        for line in file:
+            if line.startswith(b"v ") and b"n" in line.lower():  # Blender reads nan and inf as 0
+                raise bad_input(path, "", line.decode(errors="replace").strip(), "vertices of finite numbers")
+            if line.startswith(b"mtllib "):
+                _check_materials(Path(path), line[7:].decode(errors="surrogateescape").strip())
     bpy.ops.wm.obj_import(filepath=path, **_axes(up, "y"))
+
+
+def _check_materials(model: Path, names: str) -> None:
+    """Raises PecsNotFoundError for a missing file of materials: one name, which may have blanks, or several."""
+    if not (model.parent / names).is_file():
+        for name in names.split():
+            if not (model.parent / name).is_file():
+                raise PecsNotFoundError(f"{model}: mtllib: {model.parent / name}: no such file")
 
 
 def _ply(path: str, up: str | None) -> None:
@@ -63,9 +77,12 @@ def imported(file: Path, up: str | None) -> list[bpy.types.Object]:
             READERS[file.suffix.lower()](str(file.absolute()), up)
     except AttributeError as e:
         raise PecsError(f"{file}: this Blender has no importer of it: {e}", ExitCode.UNSUPPORTED) from None
+    except PecsError:
+        raise
     except Exception as e:  # importers in Python raise all kinds for broken files
-        words = [line for line in str(e).strip().splitlines() if line.strip()] or [type(e).__name__]
-        raise bad_input(file, "", words[-1].strip(), f"a model of {file.suffix}") from None
+        lines = (line.strip() for line in str(e).splitlines())
+        words = [line for line in lines if line and not line.startswith("Location: ")] or [type(e).__name__]
+        raise bad_input(file, "", words[-1], f"a model of {file.suffix}") from None
     finally:
         for key, value in kept.items():
             setattr(scene, key, value)

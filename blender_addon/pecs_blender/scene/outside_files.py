@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+from pecs._platform import discarded
 
 BUILT_IN = "<builtin>"  # path of Blender's own font
 
@@ -31,6 +32,17 @@ def missing_files(scene: bpy.types.Scene) -> Iterator[str]:
                 kind = owner.bl_rna.name.lower()
                 part = "" if thing == owner else f": {thing.name or thing.bl_rna.name}"
                 yield f"{kind} {owner.name!r}{part}: {file}: no such file"
+
+
+def unreadable_pictures() -> Iterator[str]:
+    """Lines on files that are no pictures, in whose place Cycles renders one colour. Reads them."""
+    for image in bpy.data.images:
+        if image.users and image.source == "FILE" and image.filepath and not image.packed_file:
+            with discarded(2):
+                found = all(image.size)
+            if not found:
+                path = bpy.path.abspath(image.filepath, library=image.library)
+                yield f"image {image.name!r}: {path}: got no picture that Blender can read, wanted one"
 
 
 def _things(scene: bpy.types.Scene) -> Iterator[bpy.types.bpy_struct]:

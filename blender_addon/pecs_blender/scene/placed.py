@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from mathutils import Euler, Matrix, Vector
 from pecs._config import Fields, read_json
 from pecs._errors import PecsNotFoundError, bad_input
@@ -20,6 +21,8 @@ from .importers import READERS, imported
 from .sky import Sky
 
 FILES = ("file", "texture")
+LEAST_EXTENT = 1e-9  # of a file's objects, in its unit
+MOST = 1e6  # m, m/s, degrees, degrees/s
 TYPES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "EMPTY", "ARMATURE")  # no lamps, no cameras
 
 
@@ -65,8 +68,10 @@ class _Thing:
         size_m = entry.number("size_m", low=1e-6, high=1e6) if entry.has("size_m") else None
         unit_m = entry.number("unit_m", low=1e-9, high=1e6) if entry.has("unit_m") else 1.0
         up = entry.text("up", choices=("y", "z")) if entry.has("up") else None
-        self._position_m, self._velocity = (entry.numbers(k, count=3) for k in ("position_m", "velocity_m_s"))
-        self._turn, self._spin = (entry.numbers(k, count=3) for k in ("rotation_deg", "spin_deg_s"))
+        keys = ("position_m", "velocity_m_s", "rotation_deg", "spin_deg_s")
+        self._position_m, self._velocity, self._turn, self._spin = (
+            entry.numbers(key, count=3, low=-MOST, high=MOST) for key in keys
+        )
         texture = Path(entry.text("texture")) if entry.has("texture") else None
         kind = entry.text("class")
         entry.done()
@@ -130,10 +135,23 @@ def _box(objects: list[bpy.types.Object], file: Path) -> tuple[Vector, Vector]:
     corners = [thing.matrix_world @ Vector(c) for thing in objects if thing.type == "MESH" for c in thing.bound_box]
     if not corners:
         raise bad_input(file, "objects", "no mesh", "an object to place")
+    if not all(map(_is_finite, objects)):
+        raise bad_input(file, "objects", "vertices that are not finite", "numbers")
     low, high = (Vector([end(c[i] for c in corners) for i in range(3)]) for end in (min, max))
-    if not max(high - low) > 0:
+    extent = max(high - low)
+    if not extent > 0:
         raise bad_input(file, "objects", "a point", "an object with a size")
+    if not LEAST_EXTENT <= extent <= 1 / LEAST_EXTENT:
+        raise bad_input(file, "objects", f"an extent of {extent:g}", "1e-09 to 1e+09")
     return low, high
+
+
+def _is_finite(thing: bpy.types.Object) -> bool:
+    if thing.type != "MESH":
+        return True
+    vertices = np.empty(3 * len(thing.data.vertices), np.float32)
+    thing.data.vertices.foreach_get("co", vertices)
+    return bool(np.isfinite(vertices).all())
 
 
 def _dress(objects: list[bpy.types.Object], texture: Path, file: Path) -> None:

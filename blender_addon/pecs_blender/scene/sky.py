@@ -67,7 +67,9 @@ def _upward(image: bpy.types.Image) -> float:
     pixels = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(pixels)
     colours = pixels.reshape(height, width, image.channels)
+    if not np.isfinite(colours).all():
+        raise bad_input(image.filepath, "pixels", "values that are not finite", "light")
     luminance = colours[..., :3] @ LUMINANCE if image.channels >= 3 else colours[..., 0]
     up = (np.arange(height) + 0.5) / height * math.pi - math.pi / 2  # elevation; row 0 is the lowest
     weights = np.where(up > 0, np.sin(up) * np.cos(up), 0) * (math.pi / height) * (2 * math.pi / width)
-    return float((np.nan_to_num(luminance) * weights[:, None]).sum())
+    return float((luminance * weights[:, None]).sum())

@@ -114,6 +114,7 @@ def test_spin_turns_it_about_its_middle(files, tmp_path):
         ({"texture": "/no/such.png"}, 3, "no such file"),
         ({"size_m": -1}, 4, "objects[0].size_m: got -1"),
         ({"position_m": [0, 0]}, 4, "objects[0].position_m"),
+        ({"velocity_m_s": [1e300, 0, 0]}, 4, "objects[0].velocity_m_s"),
         ({"colour": 1}, 4, "objects[0].colour"),
     ],
 )
@@ -191,6 +192,36 @@ def test_a_broken_model_is_one_line(files, tmp_path, kind):
     assert result.returncode == 4 and len(ours) == 1 and f"broken.{kind}: " in ours[0], result.stderr
 
 
+FACES = "f 1 2 3\nf 1 2 4\n"
+USD = """#usda 1.0
+def Mesh "m" {
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (nan, 0, 0)]
+}
+"""
+VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line"),
+    [
+        (VERTICES.replace("v 1", "v nan") + FACES, 4, "odd.obj: got v nan 0 0, wanted vertices of finite numbers"),
+        (USD, 4, "odd.usda: objects: got vertices that are not finite, wanted numbers"),
+        (VERTICES.replace("1", "1e30") + FACES, 4, "objects: got an extent of 1e+30, wanted 1e-09 to 1e+09"),
+        ("mtllib nosuch.mtl\n" + VERTICES + FACES, 3, "odd.obj: mtllib: "),
+        ("mtllib text.mtl\nusemtl a\n" + VERTICES + "usemtl a\n" + FACES, 4, "text.mtl: got no picture that Blender"),
+    ],
+    ids=["nan", "nan of USD", "large", "no materials", "no picture"],
+)
+def test_a_model_that_would_vanish_or_lose_its_look_is_refused(files, tmp_path, text, code, line):
+    (tmp_path / "text.mtl").write_text("newmtl a\nmap_Kd text.mtl\n")
+    file = tmp_path / ("odd.usda" if text == USD else "odd.obj")
+    file.write_text(text)
+    result = render(files, tmp_path / "s", [thing(files, file=str(file))], check=False)
+    assert result.returncode == code and line in result.stderr and result.stderr.count("\n") == 1, result.stderr
+
+
 def test_size_and_axis_of_a_file(files, models, tmp_path):
     """Half a metre per unit, 2 units high; with z up, the .obj lies on its side."""
     for up, high in (("y", True), ("z", False)):
@@ -231,6 +262,11 @@ for name, size, below in (("sky", (64, 32), False), ("dark", (64, 32), True), ("
     image.pixels.foreach_set(pixels.ravel())
     image.filepath_raw, image.file_format = f"{folder}/{name}.hdr", "HDR"
     image.save()
+    if name == "sky":
+        pixels[20, 20, 1] = np.nan
+        image.pixels.foreach_set(pixels.ravel())
+        image.filepath_raw, image.file_format = folder + "/nan.exr", "OPEN_EXR"
+        image.save()
 open(folder + "/empty.hdr", "w").close()
 """
 
@@ -242,7 +278,7 @@ def skies(files):
 
 
 def under_sky(folder, scene, name, *words, check=True):
-    sky = {"file": str(folder / f"{name}.hdr"), "lux": 1000, "turn_deg": 40}
+    sky = {"file": str(folder / (name if "." in name else f"{name}.hdr")), "lux": 1000, "turn_deg": 40}
     (folder / "sky.json").write_text(json.dumps({"format": 1, "objects": [], "sky": sky}))
     return pecs_blender("light", scene, "--place", folder / "sky.json", "--json", *words, check=check)
 
@@ -263,6 +299,7 @@ def test_a_sky_gives_a_floor_its_lux(root, skies):
         ("nosuch", 3, "nosuch.hdr: no such file"),
         ("empty", 4, "empty.hdr: got no pixels"),
         ("dark", 4, "dark.hdr: got no light above the horizon"),
+        ("nan.exr", 4, "nan.exr: pixels: got values that are not finite, wanted light"),
         ("square", 4, "square.hdr: size: got 32 x 32, wanted twice as wide as high"),
     ],
 )
