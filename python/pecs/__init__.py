@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
+
+from ._lazy import attributes
 
 if TYPE_CHECKING:
     from ._errors import PecsError, PecsInputError, PecsNotFoundError, PecsOutputError
@@ -40,7 +41,6 @@ _MODULES = {
     "spectra": "glass spectrum",
     "stack": "StackReader StackWriter",
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = [
     "Camera",
     "CarriedLight",
@@ -84,18 +84,12 @@ __all__ = [
 ]
 
 
+_find, _names = attributes(__name__, _MODULES)
+
+
 def __getattr__(name: str) -> Any:
-    if name in _MODULE_OF:
-        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-    elif name == "__version__":
-        value = __getattr__("version")()
-    elif name in _MODULES:
-        return importlib.import_module(f".{name}", __name__)
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
+    return _find("version")() if name == "__version__" else _find(name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_MODULES, "__version__"})
+    return sorted({*_names(), "__version__"})

@@ -59,7 +59,7 @@ def _ended_by_signals() -> Iterator[None]:
         end()
 
 
-def _start(module: str) -> None:
+def start(module: str) -> None:
     """As `python -m MODULE`; a package that this Python lacks is an error of one line."""
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
@@ -71,4 +71,4 @@ def _start(module: str) -> None:
 
 if __name__ == "__main__":
     del sys.argv[0]
-    _start(sys.argv[0])
+    start(sys.argv[0])

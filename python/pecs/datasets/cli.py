@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import math
 import shutil
+import sys
 import time
 from collections import defaultdict
 from itertools import pairwise
@@ -286,3 +287,7 @@ def _made(sequence: SequencePlan, folder: Path) -> tuple[float, float, float]:
     for begin_s, next_s in pairwise([*begins_s, math.inf]):
         seconds += max((t_s - begin_s for t_s in times_s if begin_s <= t_s < next_s), default=0)
     return share, seconds, sum(one.st_size for one in files) * 1e-9
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

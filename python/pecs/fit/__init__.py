@@ -8,11 +8,23 @@ The model is the sensor: `pecs.Sensor` simulates the same switches and the same 
 and the values are chosen so that the statistics of both agree.
 """
 
-from .estimate import Fitted, Value, fit
-from .pixel_map import PixelMap
-from .recordings import Disk, Flash, Screen, Steps, Still, Stimulus
-from .stimulus import stimulus_page
+from typing import TYPE_CHECKING
+
+from .._lazy import attributes
+
+if TYPE_CHECKING:
+    from .estimate import Fitted, Value, fit
+    from .pixel_map import PixelMap
+    from .recordings import Disk, Flash, Screen, Steps, Still, Stimulus
+    from .stimulus import stimulus_page
 
 __all__ = [
     "Disk", "Fitted", "Flash", "PixelMap", "Screen", "Steps", "Still", "Stimulus", "Value", "fit", "stimulus_page",
 ]  # fmt: skip
+_MODULES = {
+    "estimate": "Fitted Value fit",
+    "pixel_map": "PixelMap",
+    "recordings": "Disk Flash Screen Steps Still Stimulus",
+    "stimulus": "stimulus_page",
+}
+__getattr__, __dir__ = attributes(__name__, _MODULES)

@@ -1,8 +1,6 @@
 """`python -m pecs.fit`."""
 
-import sys
-
-from .cli import main
+from .._command import start
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    start("pecs.fit.cli")

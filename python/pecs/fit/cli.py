@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -186,3 +187,7 @@ def _fit(args: argparse.Namespace) -> None:
         )
     count = f"{len(recordings)} recording{'s' * (len(recordings) > 1)}"
     print(f"{args.output}: fitted to {count}, misfit {found.misfit:.2f} (1: as the noise)")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -201,3 +202,7 @@ def _drawn(args: argparse.Namespace, line: Line) -> Sequence[Source]:
     given = {"count": args.sequences, "model": args.model}
     config = ProceduralConfig(**{name: value for name, value in given.items() if value is not None})
     return sequences(args.seed, config, lambda n: line(f"train: sequence {n} of {config.count}", n, config.count))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -13,7 +13,7 @@ import pytest
 from pecs import _command, _platform, demo
 from pecs._arguments import Parser, Quantity
 from pecs._progress import Line, Progress
-from support import load_script, small_stacks
+from support import load_script, run_module, small_stacks
 
 
 def events_of_a_bar():
@@ -161,6 +161,9 @@ def test_a_python_without_numpy_is_one_line(helps, pecs_program, root, tmp_path)
         result = pecs_program(command, "x", "-o", "y.json", env=environment, cwd=tmp_path)
         assert result.returncode == 6 and result.stderr.count("\n") == 1, (command, result.stderr)
         assert install in result.stderr
+    for module in ("pecs.datasets", "pecs.fit", "pecs.learning"):  # the package's names load their modules later
+        result = run_module(module, "x", "-o", "y.json", check=False, env=environment, cwd=tmp_path)
+        assert result.returncode == 6 and result.stderr == f"pecs: {install}PYTHON to a Python that has it\n"
 
 
 def test_version_in_full(pecs_program, root):
