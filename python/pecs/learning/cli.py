@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import math
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._arguments import SEED, THREADS, Parser, Quantity, Whole
 from .._command import answer
 from .._errors import PecsNotFoundError, UsageError, optional_module
-from .._files import check_outputs
+from .._files import check_outputs, sha256
 from .._progress import Line, for_a_program
 from ..chip import models
 from ..events import EventReader
@@ -20,7 +22,7 @@ from .limits import WHOLE, ClipConfig, NetworkConfig, ProceduralConfig, TrainCon
 from .reconstruct import CUTOFF_HZ, METHODS
 
 if TYPE_CHECKING:
-    from .clips import Source
+    from .clips import SetSequence, Source
 
 NETWORK = "network.onnx"
 MOST_PX = 8192
@@ -159,6 +161,10 @@ def _train(args: argparse.Namespace) -> None:
     for name in ("sequences", "model") if args.set else ("split",):
         if getattr(args, name) is not None:
             raise UsageError(f"train: --{name} {'does not go with' if args.set else 'requires'} a data set")
+    given = {"count": args.sequences, "model": args.model}
+    drawn = ProceduralConfig(**{name: value for name, value in given.items() if value is not None})
+    if not args.set and args.crop > drawn.size:
+        raise UsageError(f"train: --crop: got {args.crop}, wanted at most {drawn.size}, the side of drawn sequences")
     config = TrainConfig(
         NetworkConfig(channels=args.channels),
         ClipConfig(args.windows, min(ClipConfig.chunk, args.windows), args.crop),
@@ -167,12 +173,12 @@ def _train(args: argparse.Namespace) -> None:
         args.learning_rate,
         args.steps // 2 if args.decay_steps is None else args.decay_steps,
         seed=args.seed,
+        data=_set_of(args) if args.set else f"{drawn.count} drawn, {drawn.model}",
     )
     check_outputs([args.set] if args.set else [], [args.output])
     line = Line(50, task="train", quiet=args.quiet, verbose=args.verbose)
-    sources = _rendered(args) if args.set else _drawn(args, line)
     net = train(
-        sources,
+        partial(_rendered, args) if args.set else partial(_drawn, args.seed, drawn, line),
         args.output,
         config,
         lpips_weights=args.lpips_weights,
@@ -186,22 +192,32 @@ def _train(args: argparse.Namespace) -> None:
     print(f"{args.output / NETWORK}: {parameters} parameters, {args.steps} steps")
 
 
-def _rendered(args: argparse.Namespace) -> Sequence[Source]:
+def _sequences(args: argparse.Namespace) -> Sequence[SetSequence]:
     from ..datasets.sequence import sequences
-    from .clips import recordings
 
     split = args.split or "train"
     if not (found := sequences(args.set, split)):
         raise PecsNotFoundError(f"{args.set}: no sequences of split {split!r}")
-    return recordings(found)
+    return found
 
 
-def _drawn(args: argparse.Namespace, line: Line) -> Sequence[Source]:
+def _set_of(args: argparse.Namespace) -> str:
+    """A hash of the checksums of the sequences' files."""
+    files = [(one.name, one.folder / "files.json") for one in _sequences(args)]
+    text = "\n".join(f"{name} {sha256(file) if file.exists() else ''}" for name, file in files)
+    return f"{len(files)} of a set, {hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def _rendered(args: argparse.Namespace) -> Sequence[Source]:
+    from .clips import recordings
+
+    return recordings(_sequences(args))
+
+
+def _drawn(seed: int, config: ProceduralConfig, line: Line) -> Sequence[Source]:
     from .procedural import sequences
 
-    given = {"count": args.sequences, "model": args.model}
-    config = ProceduralConfig(**{name: value for name, value in given.items() if value is not None})
-    return sequences(args.seed, config, lambda n: line(f"train: sequence {n} of {config.count}", n, config.count))
+    return sequences(seed, config, lambda n: line(f"train: sequence {n} of {config.count}", n, config.count))
 
 
 if __name__ == "__main__":

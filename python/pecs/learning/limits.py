@@ -87,6 +87,7 @@ class TrainConfig:
     learning_rate: float = 2e-3
     decay_steps: int = 350  # last steps, over which the learning rate falls to 0
     ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
+    data: str = ""  # which sequences: another run of other ones does not continue this one
     lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
     save_every: int = 50
     seed: int = 1

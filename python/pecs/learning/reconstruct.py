@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._config import Fields, parse_json
-from .._errors import PecsInputError, PecsNotFoundError, UsageError, bad_input, existing, optional_module
-from .._files import check_outputs
+from .._errors import PecsInputError, UsageError, bad_input, existing, optional_module
+from .._files import check_outputs, read_bytes
 from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
@@ -164,13 +164,7 @@ class Network:
 def _network_bytes(path: Path) -> bytes:
     """The model, loaded from memory, so that what is checked is what runs. Raises PecsInputError for one that names
     other files: weights that lie outside of it have a key "location", and so do files in ORT's own format."""
-    try:
-        with existing(path, "a network (.onnx)").open("rb") as file:
-            model = file.read(MOST_BYTES + 1)
-    except OSError as e:
-        raise PecsNotFoundError(f"{path}: {e.strerror}") from None
-    if len(model) > MOST_BYTES:
-        raise bad_input(path, "", f"more than {MOST_BYTES} bytes", "a network of `pecs train`")
+    model = read_bytes(existing(path, "a network (.onnx)"), MOST_BYTES)
     if b"location" in model or model[4:8] == b"ORTM":
         raise bad_input(path, "", "weights in another file", "an ONNX file that contains its weights")
     return model

@@ -77,7 +77,7 @@ def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig
 
 
 def train(
-    sources: Sequence[Source],
+    sources: Sequence[Source] | Callable[[], Sequence[Source]],
     run: Path,
     config: TrainConfig,
     *,
@@ -88,7 +88,8 @@ def train(
 ) -> Any:
     """Trains in folder `run` (config.json, checkpoint.pt, log.csv; TensorBoard's events where it is installed); returns
     the network. A run that is there continues; one of another config is refused. lpips_weights: as `Lpips` reads them;
-    with them the loss is LPIPS. device: of PyTorch. progress: step, loss."""
+    with them the loss is LPIPS. device: of PyTorch. progress: step, loss.
+    sources: or a function that makes them, which is called when all else is known to work."""
     _check_device(device)
     lpips = Lpips(lpips_weights, device) if lpips_weights else None
     if lpips and config.clips.crop < lpips.least_px:
@@ -96,7 +97,7 @@ def train(
         raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
     with _claimed(run, config):
-        return _train(sources, run, config, lpips, workers, device, progress)
+        return _train(sources() if callable(sources) else sources, run, config, lpips, workers, device, progress)
 
 
 def _train(

@@ -349,6 +349,19 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     small = ("--channels", 4, "--steps", 2, "--batch", 1, "--windows", 3, "--crop", 32)
     assert "2 steps" in run("train", trainable, "-o", tmp_path / "run", *small)
     assert "2 steps" in run("train", "-o", tmp_path / "drawn", "--sequences", 1, "--model", "esim", *small)
+    for other in (("--sequences", 2, "--model", "esim"), ("--sequences", 1)):  # a run of other sequences
+        said = run("train", "-o", tmp_path / "drawn", *other, *small, code=5)
+        assert "config.json: data: got '1 drawn, esim', wanted " in said
+    assert "data: got '1 drawn, esim', wanted '1 of a set" in run(
+        "train", trainable, "-o", tmp_path / "drawn", *small, code=5
+    )
+    # before any of 100,000 sequences is drawn
+    assert "wanted a multiple of 16" in run(
+        "train", "-o", tmp_path / "r7", "--sequences", 100_000, "--crop", 17, code=4
+    )
+    assert "wanted at most 128" in run("train", "-o", tmp_path / "r7", "--sequences", 100_000, "--crop", 144, code=2)
+    none = ("reconstruct", recording[0], "-o", tmp_path / "n.mp4", "--weights", tmp_path / "no.onnx")
+    assert "no.onnx: no such file or folder, wanted a network" in run(*none, code=3)
     network = tmp_path / "run/network.onnx"
     assert "pictures" in run("reconstruct", recording[0], "-o", tmp_path / "v.mp4", "--weights", network)
     assert ", by network" in run("reconstruct", recording[0], "-o", tmp_path / "s.mp4")
