@@ -8,11 +8,13 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix
+from pecs._errors import bad_input
 
 from .blend import BlendScene
 from .source import FLIP
 
 PER_FRAME = 8  # samples
+MOST_FRAMES = 10_000
 MORE = 2  # frames beyond the range: a data set ends with an interval of its light
 OPTICS = {"type": "type", "focal_mm": "lens", "fit": "sensor_fit", "shift_x": "shift_x", "shift_y": "shift_y"}
 OPTICS |= {"sensor_width_mm": "sensor_width", "sensor_height_mm": "sensor_height"}
@@ -24,6 +26,8 @@ def describe(source: BlendScene) -> dict[str, Any]:
     (x y z qx qy qz qw) of world_from_camera [m], whose camera axes are x right, y down, z forward."""
     scene = source.scene
     fps, count = scene.render.fps / scene.render.fps_base, scene.frame_end - scene.frame_start
+    if count > MOST_FRAMES:
+        raise bad_input("frames", "", f"{scene.frame_start} to {scene.frame_end}", f"a range of at most {MOST_FRAMES}")
     times_s = np.arange((count + MORE) * PER_FRAME + 1) / (PER_FRAME * fps)
     things = [thing for thing in scene.objects if thing.type == "CAMERA" and not thing.hide_render]
     poses: dict[str, list[list[float]]] = {thing.name: [] for thing in things}

@@ -74,6 +74,9 @@ save("cuts")
 scene, camera = start()
 scene.frame_end = 1
 save("picture")
+scene, camera = start()
+scene.frame_end = 20_000
+save("long")
 from pecs_blender import ui
 ui.register()
 scene, camera = start()
@@ -151,6 +154,7 @@ def test_the_panel_decides(files):
         ("zoom", "rig.camera camera.lens: camera 'camera': got a focal length or shift that changes"),
         ("jump", "trajectory: camera 'camera': got a jump of 0.4 m at 0.12 s, wanted a path without jumps"),
         ("cuts", "camera: got markers that switch between 'camera', 'other', wanted one name of them"),
+        ("long", "frames: got 1 to 20000, wanted a range of at most 10000"),
         ("picture", "picture.blend: frames: got 1 alone, wanted a range of two or more"),
     ],
 )
