@@ -153,6 +153,19 @@ def test_hidden_files_are_left_out(tmp_path, pecs_program):
     assert_same(simulated(pecs_program, folder, tmp_path / "o.npz", "--fps", 1000), wanted)
 
 
+def test_pictures_of_any_size_are_simulated(tmp_path, pecs_program):
+    """Also with the motion between them, which DIS estimates from 8 x 12 pixels on."""
+    image = pytest.importorskip("PIL.Image")
+    for i, (width, height) in enumerate(((1, 30), (30, 1), (16, 2), (30, 7), (8, 11), (8, 12), (12, 8), (13, 13))):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        for k, frame in enumerate(FRAMES[:4]):
+            part = np.round(255 * np.sqrt(frame[12 : 12 + height, 8 : 8 + width])).astype(np.uint8)
+            image.fromarray(part).save(folder / f"{k}.png")
+        done = pecs_program("sense", folder, "-o", tmp_path / "o.npz", "--fps", 100, *IDEAL)
+        assert done.returncode == 0 and f"{width}x{height}" in done.stdout, done.stderr
+
+
 @pytest.mark.parametrize("end", ["png", "tif", "jpg", "bmp"])
 def test_the_resolution_states_the_shape_of_pixels(tmp_path, pecs_program, end):
     image = pytest.importorskip("PIL.Image")
