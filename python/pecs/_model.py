@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ._c_types import DOUBLE, INT, INT64, POINTER, unmasked
 from ._config import parse_json
 from ._errors import ExitCode, PecsError, PecsNotFoundError, UsageError, existing, one_line
+from ._platform import empty_standard_input
 
 _FLOAT_POINTER, _DOUBLE_POINTER = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(DOUBLE)
 _Begin = ctypes.CFUNCTYPE(POINTER, ctypes.c_char_p, POINTER)
@@ -192,5 +193,5 @@ def _serve(text: str, verbose: bool, stream: socket.socket) -> None:
 
 if __name__ == "__main__":
     with socket.socket(fileno=os.dup(0)) as stream:
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # the model's standard input
+        empty_standard_input()  # of the model
         _serve(sys.argv[1], "--verbose" in sys.argv[2:], stream)

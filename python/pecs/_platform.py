@@ -104,6 +104,12 @@ def discard(*descriptors: int) -> None:
     os.close(null)
 
 
+def empty_standard_input() -> None:
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+
+
 @contextmanager
 def discarded(*descriptors: int) -> Iterator[None]:
     """As `discard`, within the block."""

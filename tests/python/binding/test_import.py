@@ -26,7 +26,7 @@ assert loaded()"""
 
 
 def test_every_name_is_there():
-    assert set(pecs.__all__) == set(pecs._MODULE_OF) and set(pecs.__all__) < set(dir(pecs))
+    assert set(pecs.__all__) == set(" ".join(pecs._MODULES.values()).split()) and set(pecs.__all__) < set(dir(pecs))
     assert all(hasattr(pecs, name) for name in pecs.__all__)
     assert pecs.sensor.LABELS[0] == "signal" and pecs.__version__ == pecs.version()
     with pytest.raises(AttributeError, match="no attribute 'lense'"):
