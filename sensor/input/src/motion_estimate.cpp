@@ -9,6 +9,7 @@
 #include <mutex>
 #include <opencv2/imgproc.hpp>
 
+#include "flow_picture.h"
 #include "pecs/input/media.h"
 #include "pecs/sensor/motion.h"
 
@@ -26,16 +27,15 @@ constexpr double kAround_px = 2.5;
 constexpr float kLight = 0.2f;      // of cuts: astray, and the light at both ends differs by this (in ln)
 constexpr double kCut = 0.6;        // share of such points at which nothing is consistent
 constexpr float kDarkest = 0.001f;  // of white: darker light counts as this
-constexpr float kFast_px = 3;      // blur of shorter motion is not seen
-constexpr double kBlurred = 0.6;   // of gradients along the motion to those across it
+constexpr float kFast_px = 3;       // blur of shorter motion is not seen
+constexpr double kBlurred = 0.6;    // of gradients along the motion to those across it
 constexpr double kMuchUnsure = 0.1, kLargeMotion_px = 30;
 constexpr std::size_t kFrames = 3, kIntervals = 4;  // that are kept: those of the simulation, and the next
 constexpr std::size_t kMostCuts = 100;              // listed
 
-// Of one frame, relative to its own white: fading light does not move.
 struct Picture {
   std::int64_t frame = 0;
-  cv::Mat grey, ln;  // 8 bits, of gamma 2; logarithm
+  cv::Mat grey, ln;  // as grey_of; logarithm of the relative light
 };
 
 // Of one interval.
@@ -114,8 +114,8 @@ void limit(cv::Mat& flow, const cv::Mat& points, float most_px) {
     }
 }
 
-// Marks the pixels on which the points are, at the middle of each eighth of the interval; the flow is of its first frame
-// or of its second.
+// Marks the pixels on which the points are, at the middle of each eighth of the interval; the flow is of its first
+// frame or of its second.
 void mark_paths(const cv::Mat& points, const cv::Mat& flow, bool second, std::vector<std::uint8_t>& out) {
   for (int y = 0; y < flow.rows; ++y)
     for (int x = 0; x < flow.cols; ++x) {
@@ -143,13 +143,6 @@ void add_gradients(const cv::Mat& grey, const cv::Mat& flow, Measures& measures)
       measures.along += std::abs(g.dot(d)) / length;
       measures.across += std::abs(g.cross(d)) / length;
     }
-}
-
-float quantile(std::vector<float> values, double part) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, at);
-  return *at;
 }
 
 class EstimatedMotion final : public sensor::FrameSource {
@@ -217,19 +210,8 @@ class EstimatedMotion final : public sensor::FrameSource {
 };
 
 Picture EstimatedMotion::picture_of(std::int64_t frame, const sensor::RowSink* sink) const {
-  cv::Mat_<float> light(info().height, info().width, 0.0f);  // mean of the bands
-  source_->read_rows(frame, [&](int y, int rows, std::span<const float> values) {
-    if (sink) (*sink)(y, rows, values);
-    const std::size_t plane = static_cast<std::size_t>(rows) * static_cast<std::size_t>(light.cols);
-    const auto bands = static_cast<float>(values.size() / plane);
-    float* to = light[y];
-    for (std::size_t i = 0; i < values.size(); ++i)
-      if (std::isfinite(values[i])) to[i % plane] += std::max(0.0f, values[i]) / bands;
-  });
-  light /= std::max(quantile({light.begin(), light.end()}, 0.995), 1e-20f);
-  Picture out{frame, {}, {}};
-  cv::sqrt(cv::min(light, 1), out.grey);
-  out.grey.convertTo(out.grey, CV_8U, 255);
+  const cv::Mat_<float> light = relative_light(*source_, frame, sink);
+  Picture out{frame, grey_of(light), {}};
   cv::log(cv::max(light, kDarkest), out.ln);
   return out;
 }
