@@ -21,9 +21,10 @@ constexpr int kNear_px = 4;
 // A point whose flow there and back ends farther from it than both is astray: occluded, or its flow is wrong.
 constexpr float kError_px = 0.3f, kErrorOfMotion = 0.25f;
 // Light at both ends of the flow differs by as much as it changes along the motion in this time, or more: events of it
-// have no reliable time. Both are means around the point (Gaussian, kAround_px) of at most kMost (in ln).
+// have no reliable time. Both are means around the point (Gaussian, kAround_px) of at most kMost (in ln); a change of
+// less than kLeast counts as that, since it causes no events.
 constexpr float kUnsure_us = 25000, kMost = 3;
-constexpr double kAround_px = 2.5;
+constexpr double kAround_px = 2.5, kLeast = 0.05;
 constexpr float kLight = 0.2f;      // of cuts: astray, and the light at both ends differs by this (in ln)
 constexpr double kCut = 0.6;        // share of such points at which nothing is consistent
 constexpr float kDarkest = 0.001f;  // of white: darker light counts as this
@@ -94,7 +95,7 @@ cv::Mat doubtful(const cv::Mat& residual, const cv::Mat& flow, const cv::Mat& ln
   cv::Mat(cv::min(residual, kMost)).copyTo(error, inside);
   cv::Mat(cv::min(cv::abs(xy[0].mul(gx) + xy[1].mul(gy)), kMost)).copyTo(rate, inside);
   for (cv::Mat* mean : {&error, &rate}) cv::GaussianBlur(*mean, *mean, {}, kAround_px);
-  return error * (interval_us / kUnsure_us) > rate;
+  return error * (interval_us / kUnsure_us) > cv::max(rate, kLeast);
 }
 
 // 255 within kNear_px of motion by kStill_px.
@@ -260,7 +261,7 @@ const Estimate& EstimatedMotion::estimate(std::int64_t frame) const {
     out.flow[k].setTo(cv::Scalar::all(0), still);
     doubt[k].setTo(0, still);
     mark_paths(doubt[k], out.flow[k], k == 1, out.unsure);
-    mark_paths(~(doubt[k] | out.astray[k]), out.flow[k], k == 1, sure);
+    if (cv::countNonZero(doubt[0] | doubt[1])) mark_paths(~(doubt[k] | out.astray[k]), out.flow[k], k == 1, sure);
   }
   for (std::size_t i = 0; i < sure.size() && !measures.is_cut; ++i)
     out.unsure[i] &= static_cast<std::uint8_t>(~sure[i]);
