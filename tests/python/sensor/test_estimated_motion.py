@@ -158,7 +158,6 @@ def test_what_appears_behind_an_object_is_unsure(tmp_path, pecs_program):
     folder = write(tmp_path / "f", [scene(i) for i in range(FRAMES)])
     found, record = simulated(pecs_program, folder, "--labels", tmp_path / "l.npy")
     unsure = np.load(tmp_path / "l.npy") == pecs.sensor.LABELS.index("unsure")
-    print(unsure.mean(), matched(found[~unsure], truth), matched(found[unsure], truth))
     assert 0.005 < unsure.mean() < 0.6 and (~unsure).sum() > 1000
     assert matched(found[~unsure], truth) > matched(found[unsure], truth) + 0.2
     t = found[:, 0] * 1e-6 * FPS
