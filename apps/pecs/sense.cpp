@@ -81,6 +81,10 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
   add_part(sub, o->pictures);
   sub->add_flag("!--no-flow", o->pictures.flow,
                 "do not estimate the motion between pictures or frames of a video by optical flow");
+  sub->add_option("--rolling-shutter", o->pictures.rolling_shutter_us,
+                  "pictures or video whose rows are exposed one after another: time from the first row to the last")
+      ->transform(quantity("us"))
+      ->check(positive());
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
   sub->add_option("--render-noise", o->render_noise,
                   "factor on the renderer's noise in the estimate of its events; 0: no estimate")

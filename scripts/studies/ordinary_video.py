@@ -116,7 +116,7 @@ def score(truth: np.ndarray, found: np.ndarray, unsure: np.ndarray, end_us: floa
         "precision_sure": right[~unsure].mean(),
         "precision_unsure": right[unsure].mean() if unsure.any() else float("nan"),
     }
-    return {key: round(float(value), 4) for key, value in out.items()}
+    return {key: None if np.isnan(value) else round(float(value), 4) for key, value in out.items()}
 
 
 def measure(stack: Path) -> dict[str, object]:

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <opencv2/imgproc.hpp>
 
+#include "flow_picture.h"
 #include "pecs/input/media.h"
 #include "pecs/sensor/motion.h"
 
@@ -17,27 +18,32 @@ namespace {
 
 constexpr float kStill_px = 1;  // shorter motion is none
 constexpr int kNear_px = 4;
-// A point whose flow there and back ends farther from it than both has no reliable motion, if the light at both ends
-// also differs by kLight (in ln, mean of 3x3 pixels): on plain surfaces, errors of flow do not matter.
-constexpr float kError_px = 0.3f, kErrorOfMotion = 0.25f, kLight = 0.2f;
-constexpr double kCut = 0.6;       // share of unreliable points at which nothing is consistent
-constexpr float kDarkest = 0.01f;  // of white: darker light counts as this
-constexpr float kFast_px = 3;      // blur of shorter motion is not seen
-constexpr double kBlurred = 0.6;   // of gradients along the motion to those across it
+// A point whose flow there and back ends farther from it than both is astray: occluded, or its flow is wrong.
+constexpr float kError_px = 0.3f, kErrorOfMotion = 0.25f;
+// Light at both ends of the flow differs by as much as it changes along the motion in this time, or more: events of it
+// have no reliable time. Both are means around the point (Gaussian, kAround_px) of at most kMost (in ln); a change of
+// less than kLeast counts as that, since it causes no events.
+constexpr float kUnsure_us = 25000, kMost = 3;
+constexpr double kAround_px = 2.5, kLeast = 0.05;
+constexpr float kLight = 0.2f;      // of cuts: astray, and the light at both ends differs by this (in ln)
+constexpr double kCut = 0.6;        // share of such points at which nothing is consistent
+constexpr float kDarkest = 0.001f;  // of white: darker light counts as this
+constexpr float kFast_px = 3;       // blur of shorter motion is not seen
+constexpr double kBlurred = 0.6;    // of gradients along the motion to those across it
 constexpr double kMuchUnsure = 0.1, kLargeMotion_px = 30;
 constexpr std::size_t kFrames = 3, kIntervals = 4;  // that are kept: those of the simulation, and the next
 constexpr std::size_t kMostCuts = 100;              // listed
 
-// Of one frame, relative to its own white: fading light does not move.
 struct Picture {
   std::int64_t frame = 0;
-  cv::Mat grey, ln;  // 8 bits, of gamma 2; logarithm
+  cv::Mat grey, ln;  // as grey_of; logarithm of the relative light
 };
 
 // Of one interval.
 struct Estimate {
   std::int64_t frame = 0;
-  cv::Mat flow[2];  // from the first frame, and from the second one [px]
+  cv::Mat flow[2];    // from the first frame, and from the second one [px]
+  cv::Mat astray[2];  // points
   std::vector<std::uint8_t> unsure{};
 };
 
@@ -74,11 +80,29 @@ cv::Mat astray(const cv::Mat& there, const cv::Mat& back) {
   return (error > kError_px) & (error > kErrorOfMotion * length_of(there));
 }
 
-// 255 where the light at both ends differs.
-cv::Mat differs(const cv::Mat& there, const cv::Mat& ln_first, const cv::Mat& ln_second) {
-  cv::Mat light = cv::abs(at_end(ln_second, there, kBeyond) - ln_first);
-  cv::blur(light, light, {3, 3});
-  return light > kLight;
+// Difference of the light at both ends [ln].
+cv::Mat residual(const cv::Mat& there, const cv::Mat& ln_first, const cv::Mat& ln_second) {
+  return cv::abs(at_end(ln_second, there, kBeyond) - ln_first);
+}
+
+// 255 where the residual has no relation to the change along the motion. Points that leave the picture do not count.
+cv::Mat doubtful(const cv::Mat& residual, const cv::Mat& flow, const cv::Mat& ln, double interval_us) {
+  cv::Mat gx, gy, xy[2], error, rate;
+  cv::Sobel(ln, gx, CV_32F, 1, 0, 3, 1 / 8.0);
+  cv::Sobel(ln, gy, CV_32F, 0, 1, 3, 1 / 8.0);
+  cv::split(flow, xy);
+  const cv::Mat inside = residual < kBeyond / 100;  // light differs by 7 at most
+  cv::Mat(cv::min(residual, kMost)).copyTo(error, inside);
+  cv::Mat(cv::min(cv::abs(xy[0].mul(gx) + xy[1].mul(gy)), kMost)).copyTo(rate, inside);
+  for (cv::Mat* mean : {&error, &rate}) cv::GaussianBlur(*mean, *mean, {}, kAround_px);
+  return error * (interval_us / kUnsure_us) > cv::max(rate, kLeast);
+}
+
+// 255 within kNear_px of motion by kStill_px.
+cv::Mat moving(const cv::Mat& flow) {
+  cv::Mat nearby;
+  cv::dilate(length_of(flow), nearby, cv::Mat::ones(2 * kNear_px + 1, 2 * kNear_px + 1, CV_8U));
+  return nearby >= kStill_px;
 }
 
 // Shortens the flow of points.
@@ -91,18 +115,18 @@ void limit(cv::Mat& flow, const cv::Mat& points, float most_px) {
     }
 }
 
-// Marks the pixels on the paths of the points.
-void mark_paths(const cv::Mat& points, const cv::Mat& flow, std::vector<std::uint8_t>& out) {
+// Marks the pixels on which the points are, at the middle of each eighth of the interval; the flow is of its first
+// frame or of its second.
+void mark_paths(const cv::Mat& points, const cv::Mat& flow, bool second, std::vector<std::uint8_t>& out) {
   for (int y = 0; y < flow.rows; ++y)
     for (int x = 0; x < flow.cols; ++x) {
       if (!points.at<std::uint8_t>(y, x)) continue;
       const cv::Point2f d = flow.at<cv::Point2f>(y, x);
-      const int steps = static_cast<int>(std::ceil(std::max(std::abs(d.x), std::abs(d.y)))) + 1;
-      for (int k = 0; k <= steps; ++k) {
-        const float s = static_cast<float>(k) / static_cast<float>(steps);
+      for (int k = 0; k < 8; ++k) {
+        const float s = (static_cast<float>(second ? 7 - k : k) + 0.5f) / 8;
         const int px = cvRound(static_cast<float>(x) + s * d.x), py = cvRound(static_cast<float>(y) + s * d.y);
         if (px >= 0 && py >= 0 && px < flow.cols && py < flow.rows)
-          out[static_cast<std::size_t>(py) * static_cast<std::size_t>(flow.cols) + static_cast<std::size_t>(px)] = 1;
+          out[static_cast<std::size_t>(py * flow.cols + px)] |= static_cast<std::uint8_t>(1 << k);
       }
     }
 }
@@ -120,13 +144,6 @@ void add_gradients(const cv::Mat& grey, const cv::Mat& flow, Measures& measures)
       measures.along += std::abs(g.dot(d)) / length;
       measures.across += std::abs(g.cross(d)) / length;
     }
-}
-
-float quantile(std::vector<float> values, double part) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, at);
-  return *at;
 }
 
 class EstimatedMotion final : public sensor::FrameSource {
@@ -157,7 +174,12 @@ class EstimatedMotion final : public sensor::FrameSource {
         cv::extractChannel(flow, one, c);
         channels.insert(channels.end(), one.begin<float>(), one.end<float>());
       }
-    sink(0, info().height, sensor::motion_of_flow(channels, 4));
+    std::vector<float> motion = sensor::motion_of_flow(channels, 4);
+    const std::size_t pixels = found.astray[0].total(), path = sensor::kMotionChannels / 2;
+    for (std::size_t side = 0; side < 2; ++side)  // depths at start and end
+      for (std::size_t i = 0; i < 2 * pixels; ++i)
+        motion[(path * (side + 1) - 2) * pixels + i] = found.astray[side].data[i % pixels] ? 2.0f : 1.0f;
+    sink(0, info().height, motion);
   }
   std::vector<std::uint8_t> unsure(std::int64_t frame) const override {
     const std::scoped_lock lock(mutex_);
@@ -189,19 +211,8 @@ class EstimatedMotion final : public sensor::FrameSource {
 };
 
 Picture EstimatedMotion::picture_of(std::int64_t frame, const sensor::RowSink* sink) const {
-  cv::Mat_<float> light(info().height, info().width, 0.0f);  // mean of the bands
-  source_->read_rows(frame, [&](int y, int rows, std::span<const float> values) {
-    if (sink) (*sink)(y, rows, values);
-    const std::size_t plane = static_cast<std::size_t>(rows) * static_cast<std::size_t>(light.cols);
-    const auto bands = static_cast<float>(values.size() / plane);
-    float* to = light[y];
-    for (std::size_t i = 0; i < values.size(); ++i)
-      if (std::isfinite(values[i])) to[i % plane] += std::max(0.0f, values[i]) / bands;
-  });
-  light /= std::max(quantile({light.begin(), light.end()}, 0.995), 1e-20f);
-  Picture out{frame, {}, {}};
-  cv::sqrt(cv::min(light, 1), out.grey);
-  out.grey.convertTo(out.grey, CV_8U, 255);
+  const cv::Mat_<float> light = relative_light(*source_, frame, sink);
+  Picture out{frame, grey_of(light), {}};
   cv::log(cv::max(light, kDarkest), out.ln);
   return out;
 }
@@ -209,33 +220,51 @@ Picture EstimatedMotion::picture_of(std::int64_t frame, const sensor::RowSink* s
 const Estimate& EstimatedMotion::estimate(std::int64_t frame) const {
   for (const Estimate& known : estimates_)
     if (known.frame == frame) return known;
-  Estimate out{frame, {}};
+  Estimate out;
+  out.frame = frame;
   const Picture pictures[2] = {picture(frame), picture(frame + 1)};
-  for (int k = 0; k < 2; ++k) out.flow[k] = media().optical_flow(pictures[k].grey, pictures[1 - k].grey);
-  const cv::Mat wrong[2] = {astray(out.flow[0], out.flow[1]), astray(out.flow[1], out.flow[0])};
+  const cv::Size size = pictures[0].grey.size();
+  for (int k = 0; k < 2; ++k) {
+    if (k == 0 || cv::countNonZero(moving(out.flow[0])))
+      out.flow[k] = media().optical_flow(pictures[k].grey, pictures[1 - k].grey);
+    else
+      out.flow[0] = out.flow[k] = cv::Mat::zeros(size, CV_32FC2);
+  }
+  for (int k = 0; k < 2; ++k) out.astray[k] = astray(out.flow[k], out.flow[1 - k]);
   std::vector<float> lengths;
   const cv::Mat length = length_of(out.flow[0]);
-  for (int y = 0; y < length.rows; ++y)
-    for (int x = 0; x < length.cols; ++x)
-      if (!wrong[0].at<std::uint8_t>(y, x)) lengths.push_back(length.at<float>(y, x));
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x)
+      if (!out.astray[0].at<std::uint8_t>(y, x)) lengths.push_back(length.at<float>(y, x));
 
   Measures& measures = measures_[frame];
   measures.median_px = quantile(lengths, 0.5);
   measures.largest_px = quantile(lengths, 0.999);  // single points are errors
-  cv::Mat bad[2];
-  for (int k = 0; k < 2; ++k) bad[k] = wrong[k] & differs(out.flow[k], pictures[k].ln, pictures[1 - k].ln);
-  measures.unreliable = cv::countNonZero(bad[0]) / static_cast<double>(bad[0].total());
-  measures.is_cut = measures.unreliable > kCut;
-  out.unsure.assign(bad[0].total(), measures.is_cut ? 1 : 0);
+  const auto& times_ns = info().times_ns;
+  const auto at = static_cast<std::size_t>(frame);
+  const double interval_us = 1e-3 * static_cast<double>(times_ns[at + 1] - times_ns[at]);
+  cv::Mat doubt[2];
   for (int k = 0; k < 2; ++k) {
-    limit(out.flow[k], wrong[k], measures.is_cut ? 0 : measures.largest_px);
-    cv::Mat nearby;
-    cv::dilate(length_of(out.flow[k]), nearby, cv::Mat::ones(2 * kNear_px + 1, 2 * kNear_px + 1, CV_8U));
-    const cv::Mat still = measures.is_cut ? cv::Mat(nearby >= 0) : cv::Mat(nearby < kStill_px);
-    out.flow[k].setTo(cv::Scalar::all(0), still);
-    bad[k].setTo(0, still);
-    mark_paths(bad[k], out.flow[k], out.unsure);
+    const cv::Mat light = residual(out.flow[k], pictures[k].ln, pictures[1 - k].ln);
+    doubt[k] = doubtful(light, out.flow[k], pictures[k].ln, interval_us);
+    if (k == 1) continue;
+    measures.unreliable = cv::countNonZero(doubt[0]) / static_cast<double>(size.area());
+    cv::Mat differs;
+    cv::blur(light, differs, {3, 3});
+    measures.is_cut = cv::countNonZero((differs > kLight) & out.astray[0]) > kCut * size.area();
   }
+  std::vector<std::uint8_t> sure(doubt[0].total());
+  out.unsure.assign(doubt[0].total(), measures.is_cut ? 255 : 0);
+  for (int k = 0; k < 2; ++k) {
+    limit(out.flow[k], out.astray[k], measures.is_cut ? 0 : measures.largest_px);
+    const cv::Mat still = measures.is_cut ? cv::Mat(size, CV_8U, 255) : cv::Mat(~moving(out.flow[k]));
+    out.flow[k].setTo(cv::Scalar::all(0), still);
+    doubt[k].setTo(0, still);
+    mark_paths(doubt[k], out.flow[k], k == 1, out.unsure);
+    if (cv::countNonZero(doubt[0] | doubt[1])) mark_paths(~(doubt[k] | out.astray[k]), out.flow[k], k == 1, sure);
+  }
+  for (std::size_t i = 0; i < sure.size() && !measures.is_cut; ++i)
+    out.unsure[i] &= static_cast<std::uint8_t>(~sure[i]);
   add_gradients(pictures[0].grey, out.flow[0], measures);
   if (estimates_.size() == kIntervals) estimates_.pop_front();
   return estimates_.emplace_back(std::move(out));

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
@@ -16,6 +17,7 @@
 #include "pecs/input/motion_estimate.h"
 #include "pecs/sensor/stack.h"
 #include "picture_header.h"
+#include "rolling_shutter.h"
 
 namespace pecs::input {
 namespace {
@@ -43,6 +45,11 @@ const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp
 
 class Pictures : public sensor::FrameSource {
  public:
+  // From a row of the frames to the next one, of a shutter that takes so long for all rows of the file.
+  double row_us(double rolling_shutter_us) const {
+    const double rows = std::max(1, of_file_.height - 1);
+    return rolling_shutter_us / rows * used_.height / info_.height;
+  }
   const sensor::StackInfo& info() const override { return info_; }
   std::int64_t frames() const override { return static_cast<std::int64_t>(info_.times_ns.size()); }
   std::string name() const override { return path_.string(); }
@@ -263,12 +270,25 @@ void reject_other_files(const fs::path& path) {
       throw bad_input(path.string(), "", fmt::format("events ({})", codec.name), "light: a stack, pictures or a video");
 }
 
+std::unique_ptr<sensor::FrameSource> with_shutter(std::unique_ptr<Pictures> pictures, const PictureOptions& options) {
+  if (!options.rolling_shutter_us) return pictures;
+  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  const auto& t_ns = pictures->info().times_ns;
+  for (std::size_t i = 1; i < t_ns.size(); ++i) least_ns = std::min(least_ns, t_ns[i] - t_ns[i - 1]);
+  if (*options.rolling_shutter_us * 1e3 > static_cast<double>(least_ns))
+    throw Error(ExitCode::usage,
+                fmt::format("--rolling-shutter: got {} us, wanted at most the {} us between frames of {}",
+                            *options.rolling_shutter_us, static_cast<double>(least_ns) * 1e-3, pictures->name()));
+  const double row_us = pictures->row_us(*options.rolling_shutter_us);
+  return with_global_shutter(std::move(pictures), row_us);
+}
+
 }  // namespace
 
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
-  if (fs::is_directory(path)) return std::make_unique<Folder>(path, options);
+  if (fs::is_directory(path)) return with_shutter(std::make_unique<Folder>(path, options), options);
   reject_other_files(path);
-  return std::make_unique<Video>(path, options);
+  return with_shutter(std::make_unique<Video>(path, options), options);
 }
 
 std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
@@ -282,6 +302,7 @@ std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const Pic
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
     if (!options.flow) refuse("--no-flow", "pictures or a video");
+    if (options.rolling_shutter_us) refuse("--rolling-shutter", "pictures or a video");
     if (options.crop) refuse("--crop", "pictures or a video");
     if (options.size) refuse("--size", "pictures or a video");
     if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");

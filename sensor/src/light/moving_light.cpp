@@ -227,7 +227,8 @@ void IntervalReader::add_motion(LightInterval& in) const {
   const double length_us = t_us(in.frame + 1) - t_us(in.frame);
   in.carrier.emplace(source(), in.frame);
   in.carried.emplace(*in.carrier, in.first, in.second);
-  const std::vector<double> along = in.carrier->instants(length_us, info.subpixels, std::llround(t_us(in.frame)));
+  const double step_px = source().estimates_motion() ? Carrier::kStepOfEstimate_px : Carrier::kStep_px * info.subpixels;
+  const std::vector<double> along = in.carrier->instants(length_us, step_px, std::llround(t_us(in.frame)));
   in.instants.insert(in.instants.end(), along.begin(), along.end());
 
   const std::vector<std::int64_t> times_ns = source().between_ns(in.frame);

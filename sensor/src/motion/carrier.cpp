@@ -126,9 +126,9 @@ double Carrier::longest_path_px() const {
   return std::max(interval_->first.longest_path_px(), interval_->second.longest_path_px());
 }
 
-std::vector<double> Carrier::instants(double length_us, int subpixels, std::int64_t draw) const {
-  constexpr double kStep_px = 0.4, kVariation = 0.25;
-  const double parts = std::ceil(longest_path_px() / (kStep_px * subpixels));
+std::vector<double> Carrier::instants(double length_us, double step_px, std::int64_t draw) const {
+  constexpr double kVariation = 0.25;
+  const double parts = std::ceil(longest_path_px() / step_px);
   if (2 * parts > length_us) {  // as far apart as that allows
     std::vector<double> even;
     const double most = std::min(std::max(1.0, std::floor(length_us)), parts);

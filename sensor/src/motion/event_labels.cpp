@@ -81,7 +81,7 @@ void event_labels(std::span<const events::Event> events, const StackReader& stac
     first = held == frame ? std::move(second) : read_labels(stack, layer, frame);
     second = read_labels(stack, layer, held = (frame + 1) % frames);
     const Carrier carrier(stack, frame);
-    const auto parts = static_cast<double>(carrier.instants(length, info.subpixels).size() + 1);
+    const auto parts = static_cast<double>(carrier.instants(length, Carrier::kStep_px * info.subpixels).size() + 1);
     std::vector<Carrier::Sight> sights;
     for (const events::Event& e : events.subspan(next, behind - next)) {
       const double part = std::clamp(std::floor((time_of(e) - loop_us - start) / length * parts), 0.0, parts - 1);

@@ -244,7 +244,9 @@ void SenseRun::label_unsure() {
     unsure_.erase(unsure_.begin(), unsure_.lower_bound(step));
     const auto [at, is_new] = unsure_.try_emplace(step);
     if (is_new) at->second = source_->unsure(timeline_.frame(step));
-    if (at->second[static_cast<std::size_t>(e.y * width + e.x)]) causes[i] = Cause::unsure;
+    const double begin_us = timeline_.t_us(step), length_us = timeline_.t_us(step + 1) - begin_us;
+    const int eighth = std::clamp(static_cast<int>(8 * (static_cast<double>(e.t_us) - begin_us) / length_us), 0, 7);
+    if (at->second[static_cast<std::size_t>(e.y * width + e.x)] >> eighth & 1) causes[i] = Cause::unsure;
   }
 }
 

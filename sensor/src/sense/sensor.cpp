@@ -121,7 +121,8 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
                              .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
       interval.carried.emplace(*interval.carrier, interval.first, interval.second);
       const double length_us = t_us[i] - last_t_us_;
-      const std::vector<double> instants = interval.carrier->instants(length_us, 1, std::llround(last_t_us_));
+      const std::vector<double> instants =
+          interval.carrier->instants(length_us, Carrier::kStep_px, std::llround(last_t_us_));
       moving.planes(interval, instants, {0, height_}, [&](std::size_t first, std::span<const float* const> between) {
         std::vector<double> between_us;
         for (std::size_t k = 0; k < between.size(); ++k)

@@ -53,7 +53,7 @@ COMMANDS = {
             "--preset": ["v2e_noisy"], "--model": ["esim"], "--param": ["threshold_on=0.3"], "--white": ["1pA"],
             "--labels": ["l.npy"], "--fps": ["900"], "--times": ["times.txt"],
             "--time-unit": ["ms"], "--crop": ["0,0,16,16"], "--size": ["8x8"], "--no-flow": [],
-            "--colorspace": ["linear"], "--ocio": ["c.ocio"], "--photocurrent": ["3pA"],
+            "--rolling-shutter": ["800us"], "--colorspace": ["linear"], "--ocio": ["c.ocio"], "--photocurrent": ["3pA"],
             "--fnumber": ["4"], "--gain": ["1e-15"], "--warmup-loops": ["1"], "--warmup": ["20ms"],
             "--start": ["3ms"], "--duration": ["9ms"], "--view": [], "--json": [],
         } | STAGES,

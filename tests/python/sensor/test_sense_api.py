@@ -68,6 +68,7 @@ def test_every_option_of_the_program_is_an_argument(pecs_program):
         "crop",  # pecs.sense reads no pictures
         "size",
         "no_flow",
+        "rolling_shutter",
     }
     renamed = {"set": "overrides", "param": "parameters", "no_noise": "noise", "no_motion": "motion"}
     renamed |= {"white": "white_a", "photocurrent": "photocurrent_a", "start": "start_us", "duration": "duration_us"}

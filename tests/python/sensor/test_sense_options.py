@@ -46,6 +46,7 @@ REFUSED = {
     "crop": (["--crop", "2,2,8,8"], "pictures or"),
     "size": (["--size", "8x8"], "pictures or"),
     "no-flow": (["--no-flow"], "pictures or"),
+    "rolling-shutter": (["--rolling-shutter", "3ms"], "pictures or"),
     "photocurrent": (["--photocurrent", "1pA"], "relative light"),
     "fnumber": (["--fnumber", "4"], "radiance"),
     "no-motion": (["--no-motion"], "no layer motion"),

@@ -84,8 +84,8 @@ class FrameSource {
   // frame, in the channels that Carrier takes (motion.h). Thread-safe.
   virtual bool has_motion() const { return false; }
   virtual void read_motion(std::int64_t, const RowSink&) const {}
-  // Whether this motion is an estimate. Then unsure() is 1 where light within the interval that begins at a frame is a
-  // guess, else 0, [height * width]. Thread-safe.
+  // Whether this motion is an estimate. Then bit k of unsure() is set where light in the k-th eighth of the interval
+  // that begins at a frame is a guess, [height * width]. Thread-safe.
   virtual bool estimates_motion() const { return false; }
   virtual std::vector<std::uint8_t> unsure(std::int64_t) const { return {}; }
   virtual SourceReport report() const { return {}; }

@@ -15,11 +15,13 @@ struct PictureOptions {
   std::optional<std::filesystem::path> ocio_config;  // otherwise $OCIO
   std::optional<sensor::RoiWindow> crop;             // of the pictures; resampled to `size`, in linear light
   std::optional<std::pair<int, int>> size;           // width and height
-  bool flow = true;                                  // with motion from one to the next (motion_estimate.h)
+  // From the first row of the file's frames to the last: the rows' light is warped to one time (rolling_shutter.h).
+  std::optional<double> rolling_shutter_us;
+  bool flow = true;  // with motion from one to the next (motion_estimate.h)
 };
 
 // A folder of pictures, or a video file, without motion. Throws not_found, bad_input, and usage for a wrong colour
-// space.
+// space, or a rolling shutter longer than an interval between frames.
 std::unique_ptr<sensor::FrameSource> open_pictures(const std::filesystem::path& path, const PictureOptions& options);
 
 // Opens an EXR stack, a folder of EXR files, a folder of pictures, or a video, by content.
