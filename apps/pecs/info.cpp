@@ -28,6 +28,7 @@ Json event_file_info(const std::string& path, const std::optional<std::string>& 
   out["width"] = info.width;
   out["height"] = info.height;
   out["camera"] = info.camera;
+  if (info.frames) out["frames"] = info.frames;
   return out;
 }
 
@@ -112,6 +113,7 @@ void print_events(const std::string& path, const Json& info) {
   fmt::print("{}: {}, {}x{} pixels{}\n", path, info["format"].get<std::string>(), info["width"].get<int>(),
              info["height"].get<int>(), info["camera"] == "" ? "" : ", " + info["camera"].get<std::string>());
   fmt::print("events       {}\n", info["events"].get<std::uint64_t>());
+  if (info.contains("frames")) fmt::print("frames       {}\n", info["frames"].get<std::int64_t>());
   if (info["t_first_us"].is_null()) return;
   fmt::print("time         {} to {} us, {:.6f} s\n", info["t_first_us"].get<std::int64_t>(),
              info["t_last_us"].get<std::int64_t>(), info["duration_us"].get<double>() * 1e-6);

@@ -128,6 +128,10 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
       sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal, as with --preset")
           ->check(CLI::IsMember({"chip", "ideal"}))
           ->capture_default_str();
+  sub->add_option("--frames", o->frames,
+                  "the chip also takes frames (davis346, davis240c): new folder of PNG with images.txt, or OUTPUT "
+                  "itself, if it is AEDAT4")
+      ->type_name("FOLDER");
   add_output(*sub, "--labels", o->labels,
              "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
              "the renderer, 5 unsure (no reliable motion between pictures)");
@@ -184,7 +188,9 @@ std::vector<std::filesystem::path> inputs(const SenseArguments& o) {
 
 sensor::SenseReport run(SenseArguments& o, const Console& console) {
   if (o.view) o.screen.video = o.output.string() + ".mp4";  // a further output
-  check_outputs(inputs(o), {o.output, o.labels.value_or(""), o.dropped.value_or(""), o.screen.video});
+  std::vector<std::filesystem::path> outputs = sensor::outputs_of(o);
+  outputs.push_back(o.screen.video);
+  check_outputs(inputs(o), outputs);
   if (python_file(o.model.name)) o.model.user = python_model(o.model.name, console.verbose());
   o.pictures.times = o.times;
   o.source = input::open_frames(o.stack, o.pictures);
@@ -234,13 +240,15 @@ void add_sense(CLI::App& app, Console& console) {
   add_window(sub, o.get());
   add_view(sub, o.get());
   sub->add_flag("--json", o->json, "machine-readable output");
-  add_examples(*sub,
-               {"pecs sense out/stack -o events.raw",
-                "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
-                "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
-                "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
-                "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
-                "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
+  add_examples(
+      *sub,
+      {"pecs sense out/stack -o events.raw",
+       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
+       "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
+       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+       "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
+       "pecs sense video.mp4 -o events.aedat4 --chip davis346 --frames events.aedat4 --set frame_exposure_s=0.005",
+       "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);
     const sensor::SenseReport report = run(*o, console);

@@ -36,7 +36,7 @@ extern "C" char* pecs_sense(const char* input, const char* output, const char* o
     options.output = &given(output, "output");
     pecs::check_outputs({options.stack, options.times.file_us.value_or(""), options.bias_file.value_or(""),
                          options.stages.mask.value_or("")},
-                        {options.output, options.labels.value_or(""), options.dropped.value_or("")});
+                        outputs_of(options));
     options.quiet = true;
     if (progress) options.progress = [=](double done) { return progress(done, user) != 0; };
     const SenseReport report = sense(options);

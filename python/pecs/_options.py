@@ -59,6 +59,7 @@ class SenseOptions(PixelOptions, total=False):
     gain: float | None
     photocurrent_a: float | None
     bands: str
+    frames: str | PathLike[str] | None
     labels: str | PathLike[str] | None
     dropped: str | PathLike[str] | None
     warmup_loops: int

@@ -67,6 +67,9 @@ def sense(
         As of `Chip.amperes_per_unit`, for relative light.
     bands : str
         "all" (default), or "mc:N" for N bands drawn by their light.
+    frames : str or path, optional
+        The chip also takes frames (davis346, davis240c): a new folder of PNG with images.txt, or the output itself, if
+        it is AEDAT4.
     labels : str or path, optional
         NPY file of each event's cause (`pecs.sensor.LABELS`).
     dropped : str or path, optional

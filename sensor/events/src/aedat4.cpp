@@ -2,13 +2,14 @@
 // bytes} and that many bytes, compressed; at the header's data_table_position the FileDataTable, compressed.
 // Compression is by LZ4 or Zstandard frames. Unpacked, a packet of an event stream is an EventPacket after its length
 // in 4 bytes (aedat4.fbs). The header's XML names the streams: typeIdentifier "EVTS", and sizeX, sizeY and source under
-// "info". A truncated recording has position -1 and no table. Reads the first event stream; skips
-// frames, IMU and triggers.
+// "info". A truncated recording has position -1 and no table. Reads the first event stream; counts frames ("FRME"), and
+// skips IMU and triggers. Frames are written as stream 1, with the upper 8 bits of their values.
 #include <fmt/format.h>
 #include <lz4frame.h>
 #include <zstd.h>
 
 #include <algorithm>
+#include <deque>
 #include <pugixml.hpp>
 
 #include "aedat4_generated.h"
@@ -25,7 +26,7 @@ constexpr std::string_view kMagic = "#!AER-DAT4.0\r\n";
 constexpr std::uint64_t kMaxHeaderBytes = 1 << 24, kMaxPacketBytes = 1 << 28;
 constexpr int kAedat4MaxSize = 32768;  // x and y are signed 16-bit
 enum Compression { kNone, kLz4, kLz4High, kZstd, kZstdHigh };
-constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kTableId = "FTAB";
+constexpr const char *kHeaderId = "IOHE", *kEventsId = "EVTS", *kFrameId = "FRME", *kTableId = "FTAB";
 
 // The unpacked bytes; empty if `packed` is not a complete frame, or unpacks to more than kMaxPacketBytes.
 std::vector<std::uint8_t> unpack(const std::vector<std::byte>& packed, int compression) {
@@ -152,7 +153,9 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
     };
     for (const pugi::xpath_node& found : document.select_nodes("//node[@name='outInfo']/node")) {
       const pugi::xml_node stream = found.node();
-      if (attribute(stream, "typeIdentifier") != kEventsId) continue;
+      const std::string type = attribute(stream, "typeIdentifier");
+      if (type == kFrameId && frame_stream_ < 0) frame_stream_ = stream.attribute("name").as_int(-1);
+      if (type != kEventsId || stream_ >= 0) continue;
       const pugi::xml_node info = stream.find_child_by_attribute("node", "name", "info");
       stream_ = stream.attribute("name").as_int(-1);
       info_.width = std::atoi(attribute(info, "sizeX").c_str());
@@ -160,9 +163,8 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
       info_.camera = attribute(info, "source");
       if (info_.width < 1 || info_.height < 1 || info_.width > kAedat4MaxSize || info_.height > kAedat4MaxSize)
         info_.width = info_.height = 0;
-      return;
     }
-    throw file_.damage("no stream of events", "one in the header's list");
+    if (stream_ < 0) throw file_.damage("no stream of events", "one in the header's list");
   }
 
   // The next packet of the stream.
@@ -180,6 +182,7 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
         throw file_.damage(fmt::format("a packet of {} bytes", head.bytes),
                            fmt::format("at most {}", end_ - std::min(end_, file_.offset())), 4);
       if (head.stream != stream_) {
+        info_.frames += head.stream == frame_stream_;
         file_.seek(file_.offset() + static_cast<std::uint64_t>(head.bytes));
         continue;
       }
@@ -196,7 +199,7 @@ class Aedat4Reader final : public EventReader<Aedat4Reader> {
   }
 
   InputFile file_;
-  int compression_ = kNone, stream_ = -1;
+  int compression_ = kNone, stream_ = -1, frame_stream_ = -1;
   std::uint64_t end_ = 0, packet_at_ = 0;
   std::vector<std::byte> packed_;
   Prefixed packet_;
@@ -215,21 +218,26 @@ class Aedat4Writer final : public CheckedWriter {
     put_header(0);
   }
 
+  using CheckedWriter::write;
+  void write(Frame frame) override { frames_.push_back(std::move(frame)); }
+
  private:
   void put(std::span<const Event> events) override {
     for (const Event& e : events) {
+      while (!frames_.empty() && frames_.front().end_us <= e.t_us) put_frame();
       packet_.emplace_back(e.t_us, static_cast<std::int16_t>(e.x), static_cast<std::int16_t>(e.y), e.p != 0);
       if (packet_.size() == kPacketEvents) put_packet();
     }
   }
 
   void finish() override {
+    while (!frames_.empty()) put_frame();
     if (!packet_.empty()) put_packet();
     const std::uint64_t table_at = file_.offset();
     flatbuffers::FlatBufferBuilder builder;
     std::vector<flatbuffers::Offset<aedat4::FileDataDefinition>> entries;
     for (const Entry& e : entries_) {
-      const aedat4::PacketHeader head(0, e.bytes);
+      const aedat4::PacketHeader head(e.stream, e.bytes);
       entries.push_back(aedat4::CreateFileDataDefinition(builder, e.at, &head, e.count, e.t_first_us, e.t_last_us));
     }
     builder.FinishSizePrefixed(aedat4::CreateFileDataTableDirect(builder, &entries), kTableId);
@@ -256,16 +264,22 @@ class Aedat4Writer final : public CheckedWriter {
     };
     pugi::xml_node dv = document.append_child("dv");
     dv.append_attribute("version") = "2.0";
-    const pugi::xml_node stream = node(node(dv, "outInfo", "/outInfo/"), "0", "/outInfo/0/");
-    attribute(stream, "compression", "string", "LZ4");
-    attribute(stream, "originalModuleName", "string", "pecs");
-    attribute(stream, "originalOutputName", "string", "events");
-    attribute(stream, "typeDescription", "string", "Array of events (polarity ON/OFF).");
-    attribute(stream, "typeIdentifier", "string", kEventsId);
-    const pugi::xml_node camera = node(stream, "info", "/outInfo/0/info/");
-    attribute(camera, "sizeX", "int", std::to_string(info().width));
-    attribute(camera, "sizeY", "int", std::to_string(info().height));
-    attribute(camera, "source", "string", info().camera.empty() ? "pecs" : info().camera);
+    const pugi::xml_node streams = node(dv, "outInfo", "/outInfo/");
+    const auto add_stream = [&](const char* name, const char* output, const char* type, const char* description) {
+      const std::string path = fmt::format("/outInfo/{}/", name);
+      const pugi::xml_node stream = node(streams, name, path.c_str());
+      attribute(stream, "compression", "string", "LZ4");
+      attribute(stream, "originalModuleName", "string", "pecs");
+      attribute(stream, "originalOutputName", "string", output);
+      attribute(stream, "typeDescription", "string", description);
+      attribute(stream, "typeIdentifier", "string", type);
+      const pugi::xml_node camera = node(stream, "info", (path + "info/").c_str());
+      attribute(camera, "sizeX", "int", std::to_string(info().width));
+      attribute(camera, "sizeY", "int", std::to_string(info().height));
+      attribute(camera, "source", "string", info().camera.empty() ? "pecs" : info().camera);
+    };
+    add_stream("0", "events", kEventsId, "Array of events (polarity ON/OFF).");
+    if (info().frames) add_stream("1", "frames", kFrameId, "Standard frame (8-bit image).");
     std::ostringstream xml;
     document.save(xml, "    ", pugi::format_default | pugi::format_no_declaration);
 
@@ -279,14 +293,34 @@ class Aedat4Writer final : public CheckedWriter {
     flatbuffers::FlatBufferBuilder builder(packet_.size() * sizeof(aedat4::Event) + 64);
     builder.FinishSizePrefixed(
         aedat4::CreateEventPacket(builder, builder.CreateVectorOfStructs(packet_.data(), packet_.size())), kEventsId);
+    put_data(0, builder, packet_.size(), packet_.front().timestamp(), packet_.back().timestamp());
+    packet_.clear();
+  }
+
+  void put_frame() {
+    if (!packet_.empty()) put_packet();
+    const Frame& frame = frames_.front();
+    std::vector<std::uint8_t> pixels(frame.values.size());
+    std::ranges::transform(frame.values, pixels.begin(),
+                           [&](std::uint16_t value) { return static_cast<std::uint8_t>(value << 8 >> frame.bits); });
+    flatbuffers::FlatBufferBuilder builder(pixels.size() + 128);
+    const auto width = static_cast<std::int16_t>(info().width), height = static_cast<std::int16_t>(info().height);
+    builder.FinishSizePrefixed(aedat4::CreateFrameDirect(builder, frame.begin_us, frame.begin_us, frame.end_us,
+                                                         frame.begin_us, frame.end_us, 0, width, height, 0, 0, &pixels),
+                               kFrameId);
+    put_data(1, builder, 1, frame.begin_us, frame.begin_us);
+    frames_.pop_front();
+  }
+
+  void put_data(std::int32_t stream, const flatbuffers::FlatBufferBuilder& builder, std::size_t count,
+                std::int64_t t_first_us, std::int64_t t_last_us) {
     const std::span<const std::byte> bytes = packed(builder);
     const auto size = static_cast<std::int32_t>(bytes.size());
-    file_.put(std::int32_t{0});  // the stream
+    file_.put(stream);
     file_.put(size);
-    entries_.push_back({static_cast<std::int64_t>(file_.offset()), size, static_cast<std::int64_t>(packet_.size()),
-                        packet_.front().timestamp(), packet_.back().timestamp()});
+    entries_.push_back({stream, static_cast<std::int64_t>(file_.offset()), size, static_cast<std::int64_t>(count),
+                        t_first_us, t_last_us});
     file_.put_bytes(bytes);
-    packet_.clear();
   }
 
   std::span<const std::byte> packed(const flatbuffers::FlatBufferBuilder& builder) {
@@ -298,12 +332,14 @@ class Aedat4Writer final : public CheckedWriter {
   }
 
   struct Entry {
+    std::int32_t stream;
     std::int64_t at;
     std::int32_t bytes;
     std::int64_t count, t_first_us, t_last_us;
   };
   OutputFile file_;
   std::vector<aedat4::Event> packet_;
+  std::deque<Frame> frames_;  // not written yet
   std::vector<Entry> entries_;
   std::vector<std::byte> packed_;
 };
@@ -311,8 +347,11 @@ class Aedat4Writer final : public CheckedWriter {
 }  // namespace
 
 Codec make_aedat4() {
-  return make_codec<Aedat4Reader, Aedat4Writer>("aedat4", "iniVation AEDAT4", ".aedat4", kAedat4Limits,
-                                                [](const auto&, auto head) { return begins_with(head, kMagic); });
+  Codec codec =
+      make_codec<Aedat4Reader, Aedat4Writer>("aedat4", "iniVation AEDAT4", ".aedat4", kAedat4Limits,
+                                             [](const auto&, auto head) { return begins_with(head, kMagic); });
+  codec.holds_frames = true;
+  return codec;
 }
 
 }  // namespace pecs::events

@@ -8,6 +8,8 @@
 
 namespace pecs::events {
 
+void Writer::write(Frame) { throw Error(ExitCode::internal, "frames in a format without them"); }
+
 CheckedWriter::CheckedWriter(std::filesystem::path path, StreamInfo info, const Limits& limits, bool needs_size)
     : path_(std::move(path)), info_(std::move(info)), limits_(limits), last_t_us_(limits.t_min_us) {
   const bool given = info_.width > 0 && info_.height > 0, none = info_.width == 0 && info_.height == 0;

@@ -10,6 +10,7 @@ namespace pecs::events {
 
 class CheckedWriter : public Writer {
  public:
+  using Writer::write;
   // Throws bad_output when the format cannot hold the size; with `needs_size`, also when none is given.
   CheckedWriter(std::filesystem::path path, StreamInfo info, const Limits& limits, bool needs_size = true);
   void write(std::span<const Event> events) final;

@@ -8,6 +8,7 @@
 #include <cctype>
 #include <cmath>
 #include <map>
+#include <ranges>
 #include <set>
 
 #include "pecs/data_dir.h"
@@ -48,23 +49,29 @@ constexpr std::array kValues = {
     Value{"readout_group_rows", "px", 1, 8192, &Chip::readout_group_rows},
     Value{"timestamp_s", "s", 1e-6, 1e-2, &Chip::timestamp_s},
     Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
+    Value{"frame_period_s", "s", 1e-4, 100, &Chip::frame_period_s},
+    Value{"frame_exposure_s", "s", 1e-6, 100, &Chip::frame_exposure_s},
+    Value{"frame_row_s", "s", 0, 1e-2, &Chip::frame_row_s},
+    Value{"frame_dead_s", "s", 0, 1, &Chip::frame_dead_s},
+    Value{"frame_gain_e", "electron/DN", 1e-3, 1e6, &Chip::frame_gain_e},
+    Value{"frame_gain_mismatch", "1", 0, 0.3, &Chip::frame_gain_mismatch},
+    Value{"frame_offset_dn", "DN", 0, 65535, &Chip::frame_offset_dn},
+    Value{"frame_offset_mismatch_dn", "DN", 0, 65535, &Chip::frame_offset_mismatch_dn},
+    Value{"frame_read_noise_e", "electron", 0, 1e6, &Chip::frame_read_noise_e},
+    Value{"frame_dark_hz", "electron/s", 0, 1e9, &Chip::frame_dark_hz},
+    Value{"frame_adc_bits", "bit", 1, 16, &Chip::frame_adc_bits},
 };
+constexpr std::size_t kFrameValues = 11;  // the last ones, those of the object `frames`, which a profile may lack
 
 bool is_whole(double v) { return v == std::floor(v); }
 
-// Whether `v` may be the value of `of`: pixels are whole.
+// Whether `v` may be the value of `of`: pixels and bits are whole.
+bool wants_whole(const Value& of) { return of.unit == std::string_view("px") || of.unit == std::string_view("bit"); }
 bool is_allowed(const Value& of, double v, Range range) {
-  return v >= range.min && v <= range.max && (of.unit != std::string_view("px") || is_whole(v));
+  return v >= range.min && v <= range.max && (!wants_whole(of) || is_whole(v));
 }
 std::string allowed(const Value& of, Range range) {
-  return fmt::format("{} in [{}, {}]", of.unit == std::string_view("px") ? "a whole number" : "a number", range.min,
-                     range.max);
-}
-
-std::vector<std::string> keys() {
-  std::vector<std::string> out;
-  for (const Value& v : kValues) out.emplace_back(v.key);
-  return out;
+  return fmt::format("{} in [{}, {}]", wants_whole(of) ? "a whole number" : "a number", range.min, range.max);
 }
 
 Spectrum read_spectrum(JsonObject o) {
@@ -78,6 +85,26 @@ Spectrum read_spectrum(JsonObject o) {
   o.text("source");
   o.done();
   return s;
+}
+
+void read_values(JsonObject values, std::span<const Value> all, Chip& chip) {
+  for (const Value& v : all) {
+    JsonObject entry = values.object(v.key);
+    const std::vector<double> range = entry.numbers("range", {v.min, v.max});
+    if (range.size() != 2 || range[0] > range[1]) entry.fail("range", "no range", "[min, max]");
+    chip.*v.member = entry.number("value", {range[0], range[1]});
+    if (const Range known{range[0], range[1]}; !is_allowed(v, chip.*v.member, known))
+      entry.fail("value", fmt::format("{}", chip.*v.member), allowed(v, known));
+    entry.one_of("unit", {v.unit});
+    if (entry.has("interval")) {  // where the true value lies, as far as the sources know
+      const std::vector<double> interval = entry.numbers("interval", {range[0], range[1]});
+      if (interval.size() != 2 || interval[0] > interval[1]) entry.fail("interval", "no interval", "[least, most]");
+    }
+    chip.sources[v.key] = entry.text("source");
+    entry.done();
+    chip.ranges[v.key] = {range[0], range[1]};
+  }
+  values.done();
 }
 
 std::shared_ptr<const Mosaic> read_mosaic(JsonObject o) {
@@ -151,7 +178,7 @@ std::shared_ptr<const PixelMap> read_pixel_map(const std::filesystem::path& path
 
 namespace {
 
-// A profile's JSON; of one that is based on another, its own values and parts in place of the other's.
+// A profile's JSON; of one that is based on another, its own values, frames and parts in place of the other's.
 Json read_profile(const std::filesystem::path& path) {
   Json own = parse_json_file(path);
   if (!own.is_object() || !own.contains("based_on")) return own;
@@ -161,7 +188,7 @@ Json read_profile(const std::filesystem::path& path) {
     throw bad_input(path.string(), "based_on", base_path.string(), "a profile with all values and no pixel map");
   own.erase("based_on");
   for (auto& [key, part] : own.items()) {
-    if (key == "values" && part.is_object())
+    if ((key == "values" || key == "frames") && part.is_object())
       base[key].update(part);
     else
       base[key] = std::move(part);
@@ -187,24 +214,8 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
   chip.relative_qe = read_spectrum(o.object("relative_qe"));
   if (o.has("mosaic")) chip.mosaic = read_mosaic(o.object("mosaic"));
 
-  JsonObject values = o.object("values");
-  for (const Value& v : kValues) {
-    JsonObject entry = values.object(v.key);
-    const std::vector<double> range = entry.numbers("range", {v.min, v.max});
-    if (range.size() != 2 || range[0] > range[1]) entry.fail("range", "no range", "[min, max]");
-    chip.*v.member = entry.number("value", {range[0], range[1]});
-    if (const Range known{range[0], range[1]}; !is_allowed(v, chip.*v.member, known))
-      entry.fail("value", fmt::format("{}", chip.*v.member), allowed(v, known));
-    entry.one_of("unit", {v.unit});
-    if (entry.has("interval")) {  // where the true value lies, as far as the sources know
-      const std::vector<double> interval = entry.numbers("interval", {range[0], range[1]});
-      if (interval.size() != 2 || interval[0] > interval[1]) entry.fail("interval", "no interval", "[least, most]");
-    }
-    chip.sources[v.key] = entry.text("source");
-    entry.done();
-    chip.ranges[v.key] = {range[0], range[1]};
-  }
-  values.done();
+  read_values(o.object("values"), std::span(kValues).first(kValues.size() - kFrameValues), chip);
+  if (o.has("frames")) read_values(o.object("frames"), std::span(kValues).last(kFrameValues), chip);
   if (o.has("biases")) chip.biases = read_biases(o.object("biases"), chip.ranges);
   if (o.has("pixel_map")) chip.pixel_map = read_pixel_map(path.parent_path() / o.text("pixel_map"));
   o.done();
@@ -218,7 +229,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     const auto known = chip.ranges.find(key);
     if (equals == std::string::npos || known == chip.ranges.end())
       throw Error(ExitCode::usage, fmt::format("--set {}: got an unknown key, wanted KEY=VALUE with one of {}", text,
-                                               fmt::join(keys(), ", ")));
+                                               fmt::join(std::views::keys(chip.ranges), ", ")));
     const auto value = number_from<double>(std::string_view(text).substr(equals + 1));
     const Value& of = *std::ranges::find(kValues, key, &Value::key);
     if (!value || !is_allowed(of, *value, known->second))
@@ -227,6 +238,10 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     chip.*of.member = *value;
   }
   apply_biases(chip, biases, overrides);
+  if (const double busy_s = chip.frame_exposure_s + chip.frame_dead_s; busy_s > chip.frame_period_s * (1 + 1e-9))
+    throw Error(ExitCode::usage, fmt::format("{}: frame_period_s: got {}, wanted at least {}, the sum of "
+                                             "frame_exposure_s and frame_dead_s",
+                                             chip.name, chip.frame_period_s, busy_s));
   return chip;
 }
 
@@ -253,7 +268,8 @@ void check_fits(const Chip& chip, int width, int height, const std::string& sour
 
 Json chip_to_json(const Chip& chip) {
   Json out = {{"name", chip.name}, {"description", chip.description}};
-  for (const Value& v : kValues) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
+  for (const Value& v : kValues)
+    if (chip.ranges.contains(v.key)) out["values"][v.key] = {{"value", chip.*v.member}, {"unit", v.unit}};
   out["relative_qe"] = {{"lambda_nm", chip.relative_qe.lambda_nm}, {"value", chip.relative_qe.value}};
   if (chip.mosaic) {
     Json& mosaic = out["mosaic"];

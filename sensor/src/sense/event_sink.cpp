@@ -35,7 +35,9 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
       timeline_(timeline),
       stages_(options.stages, timeline.source().info().width, timeline.source().info().height) {
   const StackInfo& info = timeline.source().info();
-  writer_ = events::open_writer(options.output, {info.width, info.height, chip.name}, options.format);
+  const bool inside = options.frames == options.output;
+  writer_ = events::open_writer(options.output, {info.width, info.height, chip.name, inside}, options.format);
+  if (options.frames && !inside) frame_folder_.emplace(*options.frames, info.width, info.height);
   if (options.labels) causes_.emplace(*options.labels, "'|u1'");
   if (options.dropped) dropped_file_.emplace(*options.dropped, options.stages);
   if (!options.ideal_readout && !is_ideal_readout(chip)) readout_.emplace(chip, info.width, info.height, options.seed);
@@ -58,6 +60,14 @@ bool EventSink::write(LabelledEvents& fired, bool last) {
   note_dropped();
   trim(sent_, from_us, to_us);
   return send(sent_);
+}
+
+void EventSink::write(std::vector<events::Frame> frames) {
+  for (events::Frame& frame : frames)
+    if (frame_folder_)
+      frame_folder_->write(frame);
+    else
+      writer_->write(std::move(frame));
 }
 
 // Appends what leaves the chip to sent_. `part` lies inside the output's window, whose losses are counted, or outside.
@@ -111,6 +121,7 @@ void EventSink::close() {
   writer_->close();
   if (causes_) causes_->commit();
   if (dropped_file_) dropped_file_->commit();
+  if (frame_folder_) frame_folder_->close();
 }
 
 Json EventSink::report() const {

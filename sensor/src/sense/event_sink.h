@@ -9,6 +9,7 @@
 #include "pecs/sensor/dropped_file.h"
 #include "pecs/sensor/readout.h"
 #include "pecs/sensor/sense.h"
+#include "sense/frame_folder.h"
 
 namespace pecs::sensor {
 
@@ -17,6 +18,8 @@ class EventSink {
   EventSink(const SenseOptions& options, const Chip& chip, const Timeline& timeline);
   // Takes events, sorted across calls, and empties `fired`. `last`: none follow. False: options.watch ends the output.
   bool write(LabelledEvents& fired, bool last);
+  // Those that lie before the next events of write().
+  void write(std::vector<events::Frame> frames);
   // Completes the files.
   void close();
   Json report() const;                             // counts and rates
@@ -38,6 +41,7 @@ class EventSink {
   std::int64_t lost_ = 0;     // by the readout, in the output's window
   std::optional<NpyFile> causes_;
   std::optional<DroppedFile> dropped_file_;
+  std::optional<FrameFolder> frame_folder_;
   std::int64_t events_ = 0, on_ = 0, unsure_ = 0, first_us_ = 0, last_us_ = 0;
 };
 

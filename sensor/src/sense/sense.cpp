@@ -13,6 +13,7 @@
 #include "pecs/progress.h"
 #include "pecs/sensor/sensor.h"
 #include "pecs/sensor/stack.h"
+#include "sense/chip_frames.h"
 #include "sense/event_sink.h"
 #include "sense/feed.h"
 #include "sense/noise_estimate.h"
@@ -52,6 +53,9 @@ void reject_unused(const SenseOptions& options, const FrameSource& source) {
     reject("--photocurrent", quantity, "relative light, or --gain");
   if (options.model.white_fa > 0 && model_traits(options.model).takes_light)
     reject("--white", "model " + options.model.name, "a model that takes pictures");
+  if (options.frames && options.frames == options.output &&
+      !events::codec_for_output(options.output, options.format).holds_frames)
+    reject("--frames", options.output.string(), "a new folder, or an output in AEDAT4, which holds frames");
   if (!options.motion && !source.has_motion()) reject("--no-motion", "no layer motion", "a stack that has one");
 }
 
@@ -94,6 +98,7 @@ class SenseRun {
   void estimate_noise();
   void run_streaming();
   bool simulate(const LightBatch& light);
+  void take_frames(const LightBatch& light, Region rows);
   void label_unsure();
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
@@ -113,6 +118,7 @@ class SenseRun {
   PhotocurrentReader light_;
   FrameClock clock_;
   Simulation simulation_;
+  std::optional<ChipFrames> frames_;
   std::optional<NoiseEstimate> noise_;
   LabelledEvents events_;
   std::map<std::int64_t, std::vector<std::uint8_t>> unsure_;  // pixels, by step
@@ -133,6 +139,9 @@ SenseRun::SenseRun(const SenseOptions& options)
       simulation_(simulation()),
       sink_(options, chip_, timeline_) {
   if (moves_ && source_->info().has_noise && options_.render_noise > 0) estimate_noise();
+  if (options_.frames)
+    frames_.emplace(chip_, source_->info().width, source_->info().height, options_.seed, !options_.no_noise,
+                    timeline_.from_us(), timeline_.to_us());
 }
 
 Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
@@ -194,6 +203,10 @@ SenseReport SenseRun::run() {
                    {"bad_values", {{"not_finite", light_.not_finite()}, {"negative", light_.negative()}}}});
   if (moves_) results_["dense_steps"] = light_planes_;
   if (noise_) noise_->report(results_);
+  if (frames_) {
+    results_["chip_frames"] = frames_->report();
+    for (const std::string& warning : frames_->warnings()) results_["warnings"].push_back(warning);
+  }
   const SourceReport frames = source_->report();
   if (frames.results.is_object()) results_.update(frames.results);
   for (const std::string& warning : frames.warnings) results_["warnings"].push_back(warning);
@@ -228,7 +241,13 @@ bool SenseRun::simulate(const LightBatch& light) {
   simulation_.step(frames, all_pixels(), clock_.final_us(), events_);
   if (noise_) noise_->step(frames, light.again, all_pixels(), clock_.final_us(), events_);
   if (moves_ && source_->estimates_motion()) label_unsure();
+  if (frames_) take_frames(light, {0, source_->info().height});
   return sink_.write(events_, frames.last);
+}
+
+void SenseRun::take_frames(const LightBatch& light, Region rows) {
+  frames_->add(light.planes, light.t_us, rows);
+  sink_.write(frames_->take());
 }
 
 // Signal events of pixels whose light is a guess; of a model that reports no causes, all their events.
@@ -263,6 +282,7 @@ void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
       note_light(light, pixels_of(bands[k]));
       simulation_.pixels.advance(clock.batch(light.planes, light.t_us, light.last), pixels_of(bands[k]), sorter);
       sorter.drop_outside();
+      if (frames_) take_frames(light, bands[k]);
       progress.at(static_cast<std::int64_t>(k) * steps + light.steps);
       return true;
     });
@@ -321,6 +341,11 @@ Json SenseRun::config() const {
 
 }  // namespace
 
+std::vector<std::filesystem::path> outputs_of(const SenseOptions& options) {
+  const auto& frames = options.frames == options.output ? std::nullopt : options.frames;
+  return {options.output, options.labels.value_or(""), options.dropped.value_or(""), frames.value_or("")};
+}
+
 Chip chip_of(const SenseOptions& options) {
   BiasSettings biases = options.biases;
   std::vector<std::string> ignored;
@@ -330,6 +355,8 @@ Chip chip_of(const SenseOptions& options) {
   for (const std::string& part : ignored)
     chip.warnings.push_back(
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
+  if (options.frames && !chip.has_frames())
+    throw Error(ExitCode::usage, fmt::format("--frames: got chip {}, wanted one with frames (pecs chips)", chip.name));
   return options.no_noise ? without_noise(chip) : chip;
 }
 

@@ -131,6 +131,7 @@ SenseOptions sense_options(JsonObject o) {
     o.fail("bands", bands, "\"all\" or \"mc:N\"");
   if (o.has("labels")) out.labels = o.text("labels");
   if (o.has("dropped")) out.dropped = o.text("dropped");
+  if (o.has("frames")) out.frames = o.text("frames");
   out.motion = o.boolean_or("motion", true);
   out.render_noise = o.number_or("render_noise", out.render_noise, {0, kMostRenderNoise});
   out.window.warmup_loops = static_cast<int>(o.integer_or("warmup_loops", 0, 0, 1000000));

@@ -51,7 +51,7 @@ COMMANDS = {
             "--output": ["p.csv"], "--format": ["npz"], "--chip": ["davis346"], "--set": ["contrast_threshold_on=0.1"],
             "--bias": ["diff_on=-20"], "--bias-file": ["b.bias"], "--no-noise": [], "--seed": ["2"],
             "--preset": ["v2e_noisy"], "--model": ["esim"], "--param": ["threshold_on=0.3"], "--white": ["1pA"],
-            "--labels": ["l.npy"], "--fps": ["900"], "--times": ["times.txt"],
+            "--labels": ["l.npy"], "--frames": ["f"], "--fps": ["900"], "--times": ["times.txt"],
             "--time-unit": ["ms"], "--crop": ["0,0,16,16"], "--size": ["8x8"], "--no-flow": [],
             "--rolling-shutter": ["800us"], "--colorspace": ["linear"], "--ocio": ["c.ocio"], "--photocurrent": ["3pA"],
             "--fnumber": ["4"], "--gain": ["1e-15"], "--warmup-loops": ["1"], "--warmup": ["20ms"],

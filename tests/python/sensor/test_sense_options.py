@@ -54,7 +54,19 @@ REFUSED = {
     "dropped": (["--dropped", "x.npy"], "no stage drops events"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = {"render-noise", "help", "output", "format", "labels", "threads", "json", "quiet", "verbose", "view"}
+ELSEWHERE = {
+    "render-noise",
+    "help",
+    "output",
+    "format",
+    "labels",
+    "frames",
+    "threads",
+    "json",
+    "quiet",
+    "verbose",
+    "view",
+}
 
 
 def test_every_option_is_in_one_of_the_tables(pecs_program):

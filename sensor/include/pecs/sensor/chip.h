@@ -83,6 +83,16 @@ struct Chip {
   double readout_group_rows = 1;                  // rows that are read at once
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 
+  // Frames of the same pixels (sense/chip_frames.h); a period of 0: the chip takes none.
+  double frame_period_s = 0, frame_exposure_s = 0;
+  double frame_row_s = 0;                                    // delay from row to row; 0: all rows at once
+  double frame_dead_s = 0;                                   // least time from an exposure's end to the next begin
+  double frame_gain_e = 0, frame_gain_mismatch = 0;          // electrons per DN; relative standard deviation
+  double frame_offset_dn = 0, frame_offset_mismatch_dn = 0;  // of no light; standard deviation over the pixels
+  double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s beside dark_current_a
+  double frame_adc_bits = 0;
+  bool has_frames() const { return frame_period_s > 0; }
+
   std::map<std::string, Range> ranges;         // of the profile's values, by their keys
   std::map<std::string, std::string> sources;  // likewise
   std::map<std::string, Bias> biases;

@@ -7,7 +7,18 @@
 
 namespace pecs::sensor {
 
-enum class Purpose : std::uint32_t { threshold = 1, noise_start, noise, background, hot, model, readout, bands, path };
+enum class Purpose : std::uint32_t {
+  threshold = 1,
+  noise_start,
+  noise,
+  background,
+  hot,
+  model,
+  readout,
+  bands,
+  path,
+  frame
+};
 
 using Random4 = std::array<std::uint32_t, 4>;
 

@@ -37,6 +37,9 @@ struct SenseOptions {
   ModelChoice model;                            // white_fa 0: the 99.5 % quantile of the first frame
   bool ideal_readout = false;                   // instead of the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's Cause
+  // Frames that the chip takes beside the events: a new folder (frame_folder.h), or the output itself, if it holds
+  // them.
+  std::optional<std::filesystem::path> frames;
   // Events that come from the renderer's noise are estimated, with this factor on the stack's noise; 0: they are not.
   double render_noise = 1;
   StageOptions stages;
@@ -50,6 +53,9 @@ struct SenseOptions {
   // Called with the completed share of the work, 0 to 1. False: sense() throws interrupted.
   std::function<bool(double)> progress;
 };
+
+// All that a run writes, for check_outputs().
+std::vector<std::filesystem::path> outputs_of(const SenseOptions& options);
 
 // The chip of a run, with overrides, biases and noise as the options say.
 Chip chip_of(const SenseOptions& options);

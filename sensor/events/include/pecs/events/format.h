@@ -26,6 +26,15 @@ struct StreamInfo {
   int width = 0;  // pixels; if the file has no size, 0 until all events are read, then the extent of the events
   int height = 0;
   std::string camera;  // e.g. "IMX636"; empty when unknown
+  // Frames beside the events; of a reader, those so far, and of a writer, whether any will come.
+  std::int64_t frames = 0;
+};
+
+// A picture that the same pixels took, on the events' clock.
+struct Frame {
+  std::int64_t begin_us = 0, end_us = 0;  // of the exposure of the middle row
+  int bits = 8;
+  std::vector<std::uint16_t> values;  // below 2^bits, row by row
 };
 
 // Properties that the user states of a file that does not.
@@ -55,6 +64,8 @@ class Writer {
  public:
   virtual ~Writer() = default;
   virtual void write(std::span<const Event> events) = 0;
+  // Only of a codec that holds frames, before the events that follow the exposure.
+  virtual void write(Frame frame);
   virtual void close() = 0;
 };
 
@@ -79,6 +90,7 @@ struct Codec {
   // Files of this format may lack the unit of time. Readers then assume one, and refuse times that
   // contradict it.
   bool takes_time_unit = false;
+  bool holds_frames = false;
 };
 
 const std::vector<Codec>& codecs();

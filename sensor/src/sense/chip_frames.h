@@ -1,0 +1,49 @@
+#pragma once
+// Frames that the chip takes of its pixels' own photocurrent (docs/reference/sensor.md#frames-of-a-davis).
+// The exposure of frame k begins k periods after the first light; row y is exposed y * frame_row_s later. Light between
+// two planes is linear in time, so planes that follow the motion blur an edge as the exposure does.
+#include <cstdint>
+#include <map>
+#include <span>
+#include <vector>
+
+#include "pecs/events/format.h"
+#include "pecs/sensor/chip.h"
+#include "pecs/sensor/source.h"
+#include "pecs/strict_json.h"
+
+namespace pecs::sensor {
+
+class ChipFrames {
+ public:
+  // Frames whose exposure lies inside [from_us, to_us), on the clock of the light.
+  ChipFrames(const Chip& chip, int width, int height, std::uint64_t seed, bool has_noise, std::int64_t from_us,
+             std::int64_t to_us);
+
+  // Light [fA] of the rows, indexed by the pixel in the whole picture; begins anew with the first time of other rows.
+  void add(std::span<const float* const> planes, std::span<const double> t_us, Region rows);
+  // The frames that the light so far completes, in order, with times from `from_us`.
+  std::vector<events::Frame> take();
+
+  Json report() const;
+  std::vector<std::string> warnings() const;  // of pixels that saturate
+
+ private:
+  void expose(const float* from, const float* to, double from_us, double to_us);
+  events::Frame developed(std::int64_t frame, std::span<const double> light) const;
+  double begin_us(std::int64_t frame) const { return static_cast<double>(frame) * period_us_; }
+
+  const Chip& chip_;
+  std::size_t width_, height_;
+  std::uint64_t seed_;
+  bool has_noise_;
+  double from_us_, to_us_, period_us_, exposure_us_, row_us_;
+  Region rows_{};
+  std::vector<float> last_plane_;  // of the rows
+  double last_us_ = 0;
+  std::map<std::int64_t, std::vector<double>> light_;  // [fA us] of frames that are not complete
+  std::int64_t frames_ = 0, saturated_ = 0;
+  double sum_ = 0;  // of all values
+};
+
+}  // namespace pecs::sensor
