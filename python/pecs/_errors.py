@@ -118,5 +118,7 @@ def optional_module(name: str, package: str, task: str, extra: str = "datasets")
         return importlib.import_module(name)
     except ImportError as e:
         checkout = Path(__file__).parents[2] / "scripts/setup.sh"
-        command = f"{checkout} --with {extra}" if checkout.is_file() else f"pip install 'FILE[{extra}]', FILE: PECS's wheel"
+        command = (
+            f"{checkout} --with {extra}" if checkout.is_file() else f"pip install 'FILE[{extra}]', FILE: PECS's wheel"
+        )
         raise PecsError(f"{task} requires {package} ({command}): {e}", ExitCode.UNSUPPORTED) from None

@@ -21,7 +21,9 @@ from PIL import Image
 
 def picture(columns: dict[str, np.ndarray], rows: int, output: str, width: float) -> None:
     """Captioned pictures, row by row."""
-    figure, axes = plt.subplots(rows, len(columns) // rows, figsize=(width, (0.27, 0.52)[rows - 1] * width), layout="constrained")
+    figure, axes = plt.subplots(
+        rows, len(columns) // rows, figsize=(width, (0.27, 0.52)[rows - 1] * width), layout="constrained"
+    )
     for axis, (title, image) in zip(axes.flat, columns.items(), strict=True):
         axis.imshow(image, cmap="gray", interpolation="antialiased", aspect="equal")
         axis.set_title(title, fontsize=10)
