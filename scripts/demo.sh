@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The main job end to end: sets up, renders the lab's rotating disk through the lab lens with Cycles, simulates the events
+# The main job end to end: sets up, renders the rotating disk of the PECS paper through its lens with Cycles, simulates the events
 # of an IMX636, compares them with a real recording of that disk, and writes out/demo/ (start with report.html).
 #   scripts/demo.sh [--real FILE]   FILE: a recording of the disk; by default ../shared/data/real/R_360_L.hdf5 if there
 source "$(dirname "$0")/lib.sh"

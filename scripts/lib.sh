@@ -52,3 +52,23 @@ python_packages() {
   [ -z "${3:-}" ] || "${install[@]}" --no-deps --group "$3"
   printf '%s' "$key" >"$venv/pecs-current"
 }
+
+# optional_packages PYTHON NAME,...: installs optional dependencies of pyproject.toml; the environment's NumPy and h5py stay.
+optional_packages() {
+  local requirements
+  requirements=$("$1" - "$2" <<'EOF'
+import sys, tomllib
+groups = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]
+names, lines = sys.argv[1].split(","), []
+for name in names:
+    if name not in groups:
+        sys.exit(f"pecs: setup.sh: --with: got {name!r}, wanted some of {', '.join(groups)}")
+    for line in groups[name]:
+        inner = line.removeprefix("pecs-sim[").removesuffix("]")
+        if inner != line: names.append(inner)
+        else: lines.append(line)
+print("\n".join(lines))
+EOF
+  ) || exit 2
+  "$1" -m pip install --quiet --no-compile --disable-pip-version-check -c <("$1" -m pip freeze) -r <(printf '%s\n' "$requirements")
+}

@@ -3,9 +3,15 @@
 # Python packages into .venv, the program and library into build/release. Can be run again: only what is missing is done.
 #   scripts/setup.sh          what the demo needs
 #   scripts/setup.sh --tests  also what the tests need
+#   scripts/setup.sh --with learning,ros  also the optional packages of the wheel (pyproject.toml), in .venv
 source "$(dirname "$0")/lib.sh"
-[[ "${1:-}" =~ ^(--tests)?$ ]] || die "setup.sh: got $1, wanted --tests or nothing" 2
-WITH_TESTS=$([ "${1:-}" = --tests ] && echo ON || echo OFF)
+WITH_TESTS=OFF EXTRAS=
+case "${1:-}" in
+  "") ;;
+  --tests) WITH_TESTS=ON ;;
+  --with) EXTRAS=${2:-}; [ -n "$EXTRAS" ] || die "setup.sh: --with: got nothing, wanted names, such as learning,ros" 2 ;;
+  *) die "setup.sh: got $1, wanted --tests, --with NAMES or nothing" 2 ;;
+esac
 
 PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libcli11-dev libtbb-dev
@@ -33,6 +39,10 @@ else
   python_packages .venv run
 fi
 use_checkout "$PY"
+if [ -n "$EXTRAS" ]; then
+  say "Optional packages ($EXTRAS)"
+  optional_packages "$PY" "$EXTRAS"
+fi
 
 if [ "$WITH_TESTS" = ON ]; then
   say "Third-party readers of data sets (.venv-datasets)"

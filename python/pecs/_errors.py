@@ -113,9 +113,12 @@ def missing_package(error: ImportError) -> PecsError:
 
 
 def optional_module(name: str, package: str, task: str, extra: str = "datasets") -> Any:
-    """An imported module of the optional dependencies: `pip install 'pecs-sim[EXTRA]'`."""
+    """An imported module of the optional dependencies."""
     try:
         return importlib.import_module(name)
     except ImportError as e:
-        message = f"{task} requires {package} (pip install 'pecs-sim[{extra}]'): {e}"
-        raise PecsError(message, ExitCode.UNSUPPORTED) from None
+        checkout = Path(__file__).parents[2] / "scripts/setup.sh"
+        command = (
+            f"{checkout} --with {extra}" if checkout.is_file() else f"pip install 'FILE[{extra}]', FILE: PECS's wheel"
+        )
+        raise PecsError(f"{task} requires {package} ({command}): {e}", ExitCode.UNSUPPORTED) from None

@@ -1,4 +1,4 @@
-"""ROS bags, read and written by rosbags (`pip install 'pecs-sim[ros]'`); ROS itself is not required.
+"""ROS bags, read and written by rosbags (extra `ros`); ROS itself is not required.
 
     pecs.ros.write_bag("events.mcap", events)        # also .bag, or a folder
     events = pecs.ros.read_bag("recording.bag")

@@ -139,9 +139,9 @@ def to_a_set_up_camera():
     size = bpy.context.scene.render
     assert (size.resolution_x, size.resolution_y) == (1280, 720)
     s = bpy.context.scene.pecs
-    preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_look.py").is_file())
+    preset = next(p for p in map(Path, bpy.utils.preset_paths("pecs")) if (p / "Quick_Look.py").is_file())
     with over(area("PROPERTIES")):
-        bpy.ops.pecs.preset(filepath=str(preset / "Quick_look.py"))
+        bpy.ops.pecs.preset(filepath=str(preset / "Quick_Look.py"))
     s.fps, s.frames, s.whole_range, s.no_denoise = 400.0, 60, False, True  # not every Blender has a denoiser
     yield REDRAWN_S
     picture("3_ready")

@@ -344,6 +344,45 @@ Json cards_of(const metrics::Comparison& c) {
   return cards;
 }
 
+// A sentence for each number of the cards, and which value of the scene or the sensor changes it.
+Json advice_of(const metrics::Comparison& c) {
+  Json list = element("ul", {});
+  const auto add = [&](const std::string& sentence) { list.push_back(element("li", {}, sentence)); };
+  if (c.floor)
+    add(
+        fmt::format("Chamfer distance: mean distance in time and space from each event to the nearest one of the other "
+                    "file, {:.2f} times the floor. It is nearly blind to missing and late events.",
+                    c.distance.chamfer() / c.floor->chamfer()));
+  const double ratio = static_cast<double>(c.sim.events) / static_cast<double>(c.real.events);
+  const std::string counted = fmt::format("Number of events: {:.2f} times the recording's. ", ratio);
+  if (ratio < 0.9)
+    add(counted +
+        "Too few: the scene is too dim for pixels to follow (illuminance, lamp, f-number), its contrast is too "
+        "low, or the thresholds are too high.");
+  else if (ratio > 1.1)
+    add(counted +
+        "Too many: the contrast is too high, the thresholds are too low, or events come from noise of the "
+        "renderer (samples) or of the chip in light that is too dim.");
+  else
+    add(counted + "Thresholds, contrast and light fit within 10 %.");
+  if (std::abs(c.sim.on_fraction - c.real.on_fraction) > 0.03)
+    add(fmt::format(
+        "ON fraction: {:+.3f} from the recording's. The thresholds of ON and OFF are not those of the camera "
+        "(contrast_threshold_on, contrast_threshold_off), or its leak (leak_rate_hz).",
+        c.sim.on_fraction - c.real.on_fraction));
+  if (c.map_correlation)
+    add(fmt::format("Correlation of the event maps: {:.3f}. {}", *c.map_correlation,
+                    *c.map_correlation < 0.9
+                        ? "Events are in other places: pose, size of the target or lens do not match."
+                        : "Events are in the same places."));
+  add("Delays behind edges (`pecs compare --disk find`, or the time shift below): events that come too early or too "
+      "late "
+      "behind an edge mean wrong light; ON and OFF shifted alike mean a wrong phase or clock; too many or too few "
+      "events "
+      "of an edge mean wrong contrast or thresholds. Change the scene before the sensor.");
+  return list;
+}
+
 std::string shift_sentence(const metrics::TimeShift& shift) {
   const std::string at = fmt::format("correlation of the polarity pictures {:.3f}, without shift {:.3f}",
                                      shift.correlation, shift.correlation_unshifted);
@@ -420,7 +459,11 @@ Json body_of(const Inputs& m, const Scored& scored, const ReportInputs& inputs) 
   const auto heading = [&](const char* text) { page.push_back(element("h2", {}, text)); };
   page.push_back(element("h1", {}, title));
   page.push_back(element("p", {{"class", "soft"}}, fmt::format("PECS {}", kVersion)));
-  if (scored.shared) page.push_back(cards_of(*scored.shared));
+  if (scored.shared) {
+    page.push_back(cards_of(*scored.shared));
+    heading("Meaning of the numbers, and what to change");
+    page.push_back(advice_of(*scored.shared));
+  }
   for (const auto& w : m.warnings) page.push_back(element("p", {}, element("b", {}, "Note: "), w));
   std::vector<const EventFile*> streams;
   std::vector<std::string> names;

@@ -78,6 +78,20 @@ def test_everything(pecs_program, inputs):
 
 
 @pytest.mark.parametrize(
+    ("step", "say"),
+    [(2, "Number of events: 0.50 times the recording's. Too few"), (1, "1.00 times the recording's. Thresholds")],
+)
+def test_numbers_are_explained(pecs_program, inputs, step, say):
+    found = events(2)[::step]
+    found["p"] |= found["x"] < WIDTH // 8
+    pecs.write(inputs / "sim.raw", found, WIDTH, HEIGHT)
+    done = pecs_program("report", "--real", "real.raw", "--sim", "sim.raw", "-o", "report.html", cwd=inputs)
+    assert done.returncode == 0, done.stderr
+    page = re.sub(r"\s+", " ", text_of(inputs / "report.html"))
+    assert say in page and "contrast_threshold_on" in page and "ON and OFF shifted alike mean a wrong phase" in page
+
+
+@pytest.mark.parametrize(
     "given, said",
     [
         (["--sim", "sim.raw"], ["No real recording was given", "No stack was given", "The chip is not known"]),

@@ -437,4 +437,4 @@ def test_a_full_disk(name, sequence, small_disk):
 
 def test_a_writer_without_its_library_says_so(sequence, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pycocotools.mask", None)
-    fails(pecs.PecsError, "requires pycocotools (pip install 'pecs-sim[datasets]')", "coco", [sequence], tmp_path / "a")
+    fails(pecs.PecsError, "scripts/setup.sh --with datasets)", "coco", [sequence], tmp_path / "a")

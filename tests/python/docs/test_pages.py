@@ -2,8 +2,8 @@
 name exist, links lead somewhere.
 
 A block that is not run says why in a comment before it: `<!-- not run: REASON -->`. `<!-- run with: OPTIONS -->` adds
-options to the renders of a block, so that they take seconds. A block of JSON or Python with a title is a file. A text
-block with the title "printed" lists lines that the block before it prints."""
+options to the renders of a block, so that they take seconds. A block of JSON, TOML or Python with a title is a
+file. A text block with the title "printed" lists lines that the block before it prints."""
 
 import io
 import json
@@ -21,7 +21,9 @@ from support.labels import Rectangle, write_truth
 from support.printed import PRINTED, assert_printed
 from support.small_stacks import write
 
-BLOCK = re.compile(r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|json)([^\n]*)\n(.*?)```", re.DOTALL)
+BLOCK = re.compile(
+    r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|json|toml)([^\n]*)\n(.*?)```", re.DOTALL
+)
 RENDER = re.compile(r"^((?:python -m pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
 RUN_ELSEWHERE = {"docs/reference/trajectories.md"}  # datasets/test_trajectories.py, which also reads its tables
 FOLDERS = ("apps blender_addon calibration common docs examples lens_data python scenes scripts sensor tests").split()
@@ -136,7 +138,7 @@ def test_rendered_frames_fit_on_the_chips_of_later_commands():
 def test_every_block_that_is_not_run_says_why():
     for page in pages():
         for mark, why, language, _, text in blocks(page):
-            if language != "json":
+            if language not in ("json", "toml"):
                 assert mark != "not run" or len(why.split()) > 4, f"{page}: {text}"
             assert mark != "run with" or RENDER.search(text), f"{page}: no render to add options to"
         assert len(re.findall("<!-- (?:not run|run with)", text_of(page))) == sum(bool(b[0]) for b in blocks(page)), (

@@ -1,4 +1,4 @@
-"""Which room may include which, and the longest a file may be."""
+"""Which part may include which, and the longest a file may be."""
 
 import ast
 import re
@@ -10,8 +10,8 @@ from support import ROOT
 
 MAX_FILE_LINES = 600
 
-# Room -> (folder, rooms whose public headers it may include). Low to high: no room includes upward.
-ROOMS = {
+# Part -> (folder, parts whose public headers it may include). Low to high: no part includes upward.
+PARTS = {
     "common": ("common", ""),
     "events": ("sensor/events", "common"),
     "lens": ("blender_addon/lens", "common"),
@@ -25,12 +25,12 @@ ROOMS = {
     "apps": ("apps", "common events lens sensor input metrics view calibration"),
 }
 # Folders of sensor/src: each includes only those before it. A public header belongs to the folder of its .cpp.
-SENSOR_ROOMS = ("spectrum", "chip", "stack", "motion", "light", "pixels", "models", "stages", "sense")
+SENSOR_PARTS = ("spectrum", "chip", "stack", "motion", "light", "pixels", "models", "stages", "sense")
 HEADERS_ALONE = {"stack": "stack", "motion": "motion", "event_slots": "pixels"}  # without a .cpp of their name
-# Room of blender_addon/pecs_blender -> rooms that it may import, low to high. Files beside the rooms import none of
+# Part of blender_addon/pecs_blender -> parts that it may import, low to high. Files beside the parts import none of
 # them, except the entries.
 ADD_ON = "blender_addon/pecs_blender"
-ADD_ON_ROOMS = {
+ADD_ON_PARTS = {
     "spectral": "",
     "scene": "spectral",
     "camera": "spectral scene",
@@ -57,13 +57,13 @@ def name_of(path):
     return path.relative_to(ROOT).as_posix()
 
 
-def room_of(path):
-    """The room whose folder holds the file, the innermost one; tests/X has the rights of X."""
+def part_of(path):
+    """The part whose folder holds the file, the innermost one; tests/X has the rights of X."""
     name = name_of(path)
     if name.startswith("tests/"):
-        return name.split("/")[1] if name.split("/")[1] in ROOMS else None
-    inside = [room for room, (folder, _) in ROOMS.items() if name.startswith(folder + "/")]
-    return max(inside, key=lambda room: len(ROOMS[room][0]), default=None)
+        return name.split("/")[1] if name.split("/")[1] in PARTS else None
+    inside = [part for part, (folder, _) in PARTS.items() if name.startswith(folder + "/")]
+    return max(inside, key=lambda part: len(PARTS[part][0]), default=None)
 
 
 def includes(path):
@@ -71,72 +71,72 @@ def includes(path):
 
 
 def public_headers():
-    """Name in an #include -> room."""
+    """Name in an #include -> part."""
     headers = {"pecs/version.h": "common", "pecs.h": "capi"}
-    for room, (folder, _) in ROOMS.items():
+    for part, (folder, _) in PARTS.items():
         include = ROOT / folder / "include"
-        headers |= {p.relative_to(include).as_posix(): room for p in include.rglob("*.h")}
+        headers |= {p.relative_to(include).as_posix(): part for p in include.rglob("*.h")}
     return headers
 
 
-def test_no_room_includes_upward():
-    order = list(ROOMS)
-    for room, (_, allowed) in ROOMS.items():
-        assert all(order.index(lower) < order.index(room) for lower in allowed.split()), f"the table has {room} upward"
+def test_no_part_includes_upward():
+    order = list(PARTS)
+    for part, (_, allowed) in PARTS.items():
+        assert all(order.index(lower) < order.index(part) for lower in allowed.split()), f"the table has {part} upward"
     headers, wrong, seen = public_headers(), [], set()
     for path in sources(".h", ".cpp"):
-        room = room_of(path)
+        part = part_of(path)
         test = name_of(path).startswith("tests/")
         for header in includes(path):
             owner = headers.get(header)
-            if room is None or owner is None:
+            if part is None or owner is None:
                 continue
-            seen.add((room, owner))
-            allowed = {room, *ROOMS[room][1].split()}
-            # A test may feed its room from any room but the two on top.
-            if owner not in (set(ROOMS) - {"capi", "apps"} if test else allowed):
+            seen.add((part, owner))
+            allowed = {part, *PARTS[part][1].split()}
+            # A test may feed its part from any part but the two on top.
+            if owner not in (set(PARTS) - {"capi", "apps"} if test else allowed):
                 wrong.append(f"{name_of(path)} includes {header} of {owner}")
     assert not wrong, "\n".join(wrong)
     assert ("calibration", "lens") in seen and ("sensor", "events") in seen  # there was something to look at
 
 
-def test_rooms_of_the_sensor_include_downward():
-    rooms, headers = {}, {}
+def test_parts_of_the_sensor_include_downward():
+    parts, headers = {}, {}
     for path in sources(".h", ".cpp", under="sensor/src"):
-        rooms[path] = path.relative_to(ROOT / "sensor/src").parts[0]
-        headers[path.relative_to(ROOT / "sensor/src").as_posix()] = rooms[path]
-    with_code = {path.stem: room for path, room in rooms.items() if path.suffix == ".cpp"} | HEADERS_ALONE
+        parts[path] = path.relative_to(ROOT / "sensor/src").parts[0]
+        headers[path.relative_to(ROOT / "sensor/src").as_posix()] = parts[path]
+    with_code = {path.stem: part for path, part in parts.items() if path.suffix == ".cpp"} | HEADERS_ALONE
     for path in sources(".h", under="sensor/include"):
         if path.stem != "random":  # below all
-            rooms[path] = headers[path.relative_to(ROOT / "sensor/include").as_posix()] = with_code[path.stem]
-    order = SENSOR_ROOMS.index
+            parts[path] = headers[path.relative_to(ROOT / "sensor/include").as_posix()] = with_code[path.stem]
+    order = SENSOR_PARTS.index
     wrong = [
         f"{name_of(path)} includes {header} of {headers[header]}"
-        for path, room in rooms.items()
+        for path, part in parts.items()
         for header in includes(path)
-        if header in headers and order(headers[header]) > order(room)
+        if header in headers and order(headers[header]) > order(part)
     ]
-    assert not wrong and set(rooms.values()) == set(SENSOR_ROOMS), "\n".join(wrong)
+    assert not wrong and set(parts.values()) == set(SENSOR_PARTS), "\n".join(wrong)
 
 
-def test_private_headers_stay_in_their_room():
+def test_private_headers_stay_in_their_part():
     public, wrong = public_headers(), []
-    private = {}  # name as a suffix of the path -> rooms that have one
+    private = {}  # name as a suffix of the path -> parts that have one
     for path in sources(".h"):
-        if room_of(path) and "/include/" not in name_of(path) and not name_of(path).startswith("tests/"):
-            private.setdefault(path.name, set()).add(room_of(path))
+        if part_of(path) and "/include/" not in name_of(path) and not name_of(path).startswith("tests/"):
+            private.setdefault(path.name, set()).add(part_of(path))
     for path in sources(".h", ".cpp"):
         for header in includes(path):
             owners = private.get(Path(header).name, set())
             if header in public or not owners or (path.parent / header).is_file():
                 continue
             # The benches measure private kernels, the fuzzers reach private readers.
-            if room_of(path) not in owners and not name_of(path).startswith(("scripts/bench/", "tests/fuzz/")):
+            if part_of(path) not in owners and not name_of(path).startswith(("scripts/bench/", "tests/fuzz/")):
                 wrong.append(f"{name_of(path)} includes {header}, private to {', '.join(owners)}")
     assert not wrong, "\n".join(wrong)
 
 
-def test_platform_headers_stay_in_one_room():
+def test_platform_headers_stay_in_one_part():
     """Files, locks, processes, signals, memory and libraries of the operating system: pecs/platform.h."""
     of_system = re.compile(r"#\s*include <((sys|linux)/.*|unistd|fcntl|signal|csignal|dlfcn|poll|termios)\b")
     found = {name_of(p) for p in sources(".h", ".cpp") if of_system.search(p.read_text())}
@@ -152,7 +152,7 @@ OF_SYSTEM = re.compile(
 )
 
 
-def test_the_system_stays_in_one_room_of_python():
+def test_the_system_stays_in_one_part_of_python():
     """The same of the package and of the extension: pecs/_platform.py."""
     examples = "import signal|from fcntl import fcntl|ctypes.CDLL(None)|os.fork()|os.execvp(a, b)|os.killpg(1, 2)"
     examples += "|libc.prctl(1)|tempfile.mkstemp()|Path('/proc/self/status')|import resource|os.O_NOFOLLOW|'libpecs.so'"
@@ -177,7 +177,7 @@ def test_bpy_only_where_blender_is():
     for path in sources(".py", under=ADD_ON):
         if "bpy" in imported(path):
             name = path.relative_to(ROOT / ADD_ON)
-            assert name.parts[0] in ADD_ON_ROOMS or name.stem in ADD_ON_ENTRIES, name
+            assert name.parts[0] in ADD_ON_PARTS or name.stem in ADD_ON_ENTRIES, name
     for path in sources(".py", under="python/pecs"):
         assert not imported(path) & {"bpy", "pecs_blender"}, name_of(path)
 
@@ -195,27 +195,27 @@ def modules_imported(path, package_folder=ADD_ON):
                 yield (module / "__init__" if (root / module).is_dir() else module).parts
 
 
-def test_rooms_of_the_add_on_import_downward():
-    order, wrong, graph = list(ADD_ON_ROOMS), [], {}
-    for room, allowed in ADD_ON_ROOMS.items():
-        assert all(order.index(lower) < order.index(room) for lower in allowed.split()), f"the table has {room} upward"
+def test_parts_of_the_add_on_import_downward():
+    order, wrong, graph = list(ADD_ON_PARTS), [], {}
+    for part, allowed in ADD_ON_PARTS.items():
+        assert all(order.index(lower) < order.index(part) for lower in allowed.split()), f"the table has {part} upward"
     for path in sources(".py", under=ADD_ON):
         own = path.relative_to(ROOT / ADD_ON).with_suffix("").parts
         graph[own] = set(modules_imported(path)) - {own}
         if own[0] in ADD_ON_ENTRIES:
             continue
-        allowed = {own[0], *ADD_ON_ROOMS.get(own[0], "").split()}
+        allowed = {own[0], *ADD_ON_PARTS.get(own[0], "").split()}
         for module in graph[own]:
-            if module and module[0] in ADD_ON_ROOMS and module[0] not in allowed:
+            if module and module[0] in ADD_ON_PARTS and module[0] not in allowed:
                 wrong.append(f"{name_of(path)} imports {'/'.join(module)}")
     assert not wrong, "\n".join(wrong)
     list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert ("camera", "plan") in graph["job", "resolve"]  # there was something to look at
 
 
-@pytest.mark.parametrize("room", ["datasets", "fit", "learning"])
-def test_modules_of_a_room_import_in_one_direction(room):
-    folder, graph = f"python/pecs/{room}", {}
+@pytest.mark.parametrize("part", ["datasets", "fit", "learning"])
+def test_modules_of_a_part_import_in_one_direction(part):
+    folder, graph = f"python/pecs/{part}", {}
     for path in sources(".py", under=folder):
         own = path.relative_to(ROOT / folder).with_suffix("").parts
         inside = set(modules_imported(path, folder)) - {own}
@@ -224,12 +224,12 @@ def test_modules_of_a_room_import_in_one_direction(room):
     list(TopologicalSorter(graph).static_order())  # raises CycleError
 
 
-def test_rooms_of_the_add_on_state_what_they_import():
-    for room, allowed in ADD_ON_ROOMS.items():
-        text = " ".join(ast.get_docstring(ast.parse((ROOT / ADD_ON / room / "__init__.py").read_text())).split())
+def test_parts_of_the_add_on_state_what_they_import():
+    for part, allowed in ADD_ON_PARTS.items():
+        text = " ".join(ast.get_docstring(ast.parse((ROOT / ADD_ON / part / "__init__.py").read_text())).split())
         stated = re.search(r"Imports ([^.]+)\.", text)
         names = re.findall(r"\w+", stated[1].replace(" and ", " ")) if stated else None
-        assert names == (allowed.split() or ["no", "other", "room"]), f"{room}/__init__.py: {stated and stated[0]}"
+        assert names == (allowed.split() or ["no", "other", "part"]), f"{part}/__init__.py: {stated and stated[0]}"
 
 
 def paths_added(path):
@@ -242,7 +242,7 @@ def paths_added(path):
             yield f"{name_of(path)}:{node.lineno} puts {folder}/ on sys.path"
 
 
-def test_no_room_reaches_another_by_sys_path():
+def test_no_part_reaches_another_by_sys_path():
     wrong = [line for path in sources(".py") for line in paths_added(path)]
     assert not wrong, "\n".join(wrong)
 

@@ -1,5 +1,5 @@
 #pragma once
-// The EXR stack (contract 1, docs/reference/exr_stack.md): a folder with stack.json and OpenEXR files, one per instant
+// The EXR stack (docs/reference/exr_stack.md): a folder with stack.json and OpenEXR files, one per instant
 // and layer. Conventions: row 0 is the top of the picture; times in ns from the start of the stack; bands by
 // increasing wavelength. A layer is given by its name; the light's is kLight.
 #include <cstdint>

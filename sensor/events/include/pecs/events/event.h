@@ -1,5 +1,5 @@
 #pragma once
-// The event, and its conventions (contract 2, docs/reference/event_file.md):
+// The event, and its conventions (docs/reference/event_file.md):
 //   t_us  integer microseconds since the start of the stream, non-decreasing along it
 //   x     right, y down; pixel (0, 0) is top left and its centre lies at (0.5, 0.5)
 //   p     1 = brighter (ON), 0 = darker (OFF)
