@@ -100,11 +100,11 @@ class BackgroundJob:
 
     @property
     def step(self) -> str:
-        """Such as "Frame 2 of 8" or "Simulate 25%"."""
+        """Such as "Image 2 of 8" or "Simulate 25%"."""
         if not self._task:
             return self.tasks.get("", "Starting {job}").format(job=self.label)
         if self._task == "render":
-            return f"Frame {min(self._done + 1, self._total):,} of {self._total:,}"
+            return f"Image {min(self._done + 1, self._total):,} of {self._total:,}"
         return f"{self.tasks.get(self._task, self.label)} {self.progress:.0%}"
 
     @property

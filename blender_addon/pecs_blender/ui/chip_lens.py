@@ -185,7 +185,7 @@ class PECS_OT_override_add(Action, bpy.types.Operator):
     name: StringProperty(name="Parameter", search=_keys, options={"SKIP_SAVE"})
 
     def invoke(self, context, _event):
-        return context.window_manager.invoke_props_dialog(self)
+        return self.execute(context) if self.name else context.window_manager.invoke_props_dialog(self)
 
     def act(self, context) -> None:
         known, sensor = settings.parameters(context.scene.pecs), context.scene.pecs.sensor

@@ -26,8 +26,9 @@ def _command(*words: object) -> list[str]:
 
 
 def show_events(job: BackgroundJob) -> str:
-    """Draws the new events over the viewport."""
-    event_view.show(job.output)
+    """Draws the new events over the viewport, unless a file with another folder has been opened since."""
+    if paths.events(bpy.context.scene).parent == job.output.parent:
+        event_view.show(job.output)
     return job.answer[-1] if job.answer else f"{job.output}: simulated"
 
 

@@ -53,17 +53,14 @@ class EventView:
         if image := bpy.data.images.get(IMAGE):
             rgba = self.picture(scene)
             rgba[..., 3] = 1
+            if tuple(image.size) != rgba.shape[1::-1]:  # of other events, or saved in the .blend
+                image.scale(*rgba.shape[1::-1])
             image.pixels.foreach_set(rgba.ravel())
             image.update()
 
     def image(self, scene) -> bpy.types.Image:
-        size = self.events.width, self.events.height
-        image = bpy.data.images.get(IMAGE)
-        if image and tuple(image.size) != size:
-            bpy.data.images.remove(image)
-            image = None
-        if not image:
-            bpy.data.images.new(IMAGE, *size)
+        if IMAGE not in bpy.data.images:
+            bpy.data.images.new(IMAGE, self.events.width, self.events.height)
         self.update_image(scene)
         return bpy.data.images[IMAGE]
 

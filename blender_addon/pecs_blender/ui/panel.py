@@ -147,9 +147,8 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         layout.prop(s, "fps")
         auto(layout, s, "noise_events")
         count, passes = settings.frame_count(scene), s.pass_count
-        text = "{count:,} frames, {time}, {passes} passes each"
-        text = text if passes > 1 else "{count:,} frames, {time}, 1 pass each"
-        layout.label(text=text.format(count=count, time=duration(count / s.fps), passes=passes))
+        each = f", {passes} passes each" if passes > 1 else ""
+        layout.label(text=f"{duration(count / s.fps)}, sampled {count:,} times{each}")
         row = layout.row(align=True)
         row.operator("pecs.plan", icon="TIME")
         row.operator("pecs.preview", icon="IMAGE_DATA")
@@ -200,6 +199,14 @@ class PECS_PT_events(SubPanel, bpy.types.Panel):
     def fill(self, layout, scene, s) -> None:
         layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
         props(layout, s.sensor, "format", "noise", "seed")
+        known = settings.parameters(s)
+        for key, label in (("contrast_threshold_on", "ON Threshold"), ("contrast_threshold_off", "OFF Threshold")):
+            index = s.sensor.overrides.find(key)
+            row = labelled(layout, label)
+            if index >= 0:
+                _override(row, s, index, known, text="")
+            else:
+                row.operator("pecs.override_add", text=f"{known[key]['value']:g} (chip)", icon="ADD").name = key
         for one in checks.sensor_problems(scene):
             problem(layout, one)
         layout.label(text=f"Input: {paths.rendered(scene).name}")
@@ -280,6 +287,14 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
         props(layout, s.sensor, "model", *(() if s.sensor.preset else ("readout",)))
 
 
+def _override(row, s, index: int, known: dict, text: str) -> None:
+    """The field of an overridden value, and the button that removes it."""
+    one = s.sensor.overrides[index]
+    row.alert = bool(settings.override_error(one, known))
+    row.prop(one, "value", text=text)
+    row.operator("pecs.override_remove", icon="X", text="").index = index
+
+
 class PECS_PT_parameters(SubPanel, bpy.types.Panel):
     bl_label = "Parameters"
     bl_options = {"DEFAULT_CLOSED"}
@@ -290,10 +305,7 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
         for index, one in enumerate(s.sensor.overrides):
             entry = known.get(one.name, {"unit": "?", "range": (0, 0)})
             column = layout.column(align=True)
-            row = column.row(align=True)
-            row.alert = bool(settings.override_error(one, known))
-            row.prop(one, "value", text=one.name)
-            row.operator("pecs.override_remove", icon="X", text="").index = index
+            _override(column.row(align=True), s, index, known, text=one.name)
             low, high = entry["range"]
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             row = column.row()

@@ -93,8 +93,8 @@ assert job.text.startswith("Simulate 25%, 0:03 left"), job.text
 for lines, text in (
     ([], "Starting Blender"),
     (['{"progress": "motion", "done": 3, "total": 4}'], "Motion 75%"),
-    (['{"progress": "render", "done": 0, "total": 8}'], "Frame 1 of 8"),
-    (['{"progress": "render", "done": 8, "total": 8}'], "Frame 8 of 8"),
+    (['{"progress": "render", "done": 0, "total": 8}'], "Image 1 of 8"),
+    (['{"progress": "render", "done": 8, "total": 8}'], "Image 8 of 8"),
 ):
     command = [sys.executable, "-c", f"import sys; print({chr(10).join(lines)!r}, file=sys.stderr)"]
     job = background.BackgroundJob("Render Stack", command, Path("/s"), str, tasks=operators.TASKS)

@@ -245,7 +245,7 @@ def cube(folder):
         thing.keyframe_insert("location", frame=frame)
     scene.frame_end = 24
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "cube.blend"))
-    bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_look.py"))  # two
+    bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_Look.py"))  # two
     assert not checks.problems(scene), checks.problems(scene)
     pressed("run")
     view = event_view.state.view
@@ -257,6 +257,12 @@ def cube(folder):
         assert np.count_nonzero(above_noise) > 20, frame
         covered.append(np.average(np.arange(len(events)), weights=above_noise))
     assert covered == sorted(covered), covered  # as the cube moves
+    image = bpy.data.images.new(event_view.IMAGE, 3, 2)  # of events of another size
+    scene.frame_set(7)
+    assert tuple(image.size) == (view.events.width, view.events.height)
+    bpy.ops.pecs.override_add("INVOKE_DEFAULT", name="contrast_threshold_on")  # a button of the panel Events
+    assert [one.name for one in scene.pecs.sensor.overrides] == ["contrast_threshold_on"]
+    assert "ON Threshold" in drawn() and "OFF Threshold" in drawn()
 
 
 def wrong(folder):
@@ -392,10 +398,10 @@ def busy(folder):
     assert any("Starting Blender" in text for text in drawn())
     bpy.data.objects.remove(scene.camera)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "elsewhere.blend"))
-    while job.step.startswith(("Starting", "Motion", "Frame 1 ")):
+    while job.step.startswith(("Starting", "Motion", "Image 1 ")):
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
-    assert any(re.match(r"Frame \d+ of \d+, 0:\d\d left", text) for text in drawn()), drawn()
+    assert any(re.match(r"Image \d+ of \d+, 0:\d\d left", text) for text in drawn()), drawn()
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
     assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()

@@ -38,7 +38,7 @@ def steps():
         cube.keyframe_insert("location", frame=frame)
     scene.frame_end = 24
     clicks = 2  # the menu of presets, and Quick look
-    file = Path(presets.__file__).parent / "presets/pecs/Quick_look.py"
+    file = Path(presets.__file__).parent / "presets/pecs/Quick_Look.py"
     bpy.ops.pecs.preset(filepath=str(file))
     if not checks._has_denoiser():
         bpy.ops.pecs.keep_noise()
