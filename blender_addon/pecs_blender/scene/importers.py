@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,6 +46,9 @@ def _check_materials(model: Path, names: str) -> None:
 
 
 def _ply(path: str, up: str | None) -> None:
+    head, _, body = Path(path).read_bytes().partition(b"end_header")
+    if b"format ascii" in head and (found := re.search(rb"(?i)\b(nan|inf)", body)):  # Blender reads them as 0
+        raise bad_input(path, "", found[0].decode(), "vertices of finite numbers")
     bpy.ops.wm.ply_import(filepath=path, **_axes(up, "z"))
 
 

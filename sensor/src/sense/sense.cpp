@@ -196,6 +196,11 @@ SenseReport SenseRun::run() {
   results_.update(sink_.report());
   std::vector<std::string> warnings = timeline_.warnings();
   warnings.insert(warnings.end(), chip_.warnings.begin(), chip_.warnings.end());
+  constexpr double kClose_us = 20;
+  if (const double step_us = timeline_.t_us(1) - timeline_.t_us(0);
+      options_.times.file_us && !options_.times.unit && step_us < kClose_us)
+    warnings.push_back(
+        fmt::format("--times: frames are {:g} us apart; if the file is not in us, state --time-unit", step_us));
   results_.update({{"width", source_->info().width},
                    {"height", source_->info().height},
                    {"frames", source_->frames()},
@@ -297,8 +302,14 @@ PixelRange SenseRun::pixels_of(Region rows) const {
 
 // For the run record.
 void SenseRun::note_light(const LightBatch& light, PixelRange range) {
-  if (first_fa_.size() < all_pixels().size() && first_fa_.size() == range.first)
-    first_fa_.insert(first_fa_.end(), light.planes[0] + range.first, light.planes[0] + range.end);
+  if (first_fa_.size() < all_pixels().size() && first_fa_.size() == range.first) {
+    constexpr float kMost_fa = 1e15f;
+    const std::span<const float> part(light.planes[0] + range.first, light.planes[0] + range.end);
+    if (const auto most = std::ranges::find_if(part, [](float fa) { return fa >= kMost_fa; }); most != part.end())
+      throw bad_input(source_->name(), "first frame", fmt::format("a photocurrent of {:.3g} A", 1e-15 * *most),
+                      "less than 1 A: the unit of the light");
+    first_fa_.insert(first_fa_.end(), part.begin(), part.end());
+  }
   light_planes_ += std::ssize(light.planes);
 }
 

@@ -200,6 +200,20 @@ def Mesh "m" {
     point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (nan, 0, 0)]
 }
 """
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+nan 0 0
+0 1 0
+3 0 1 2
+"""
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 
 
@@ -207,16 +221,17 @@ VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     ("text", "code", "line"),
     [
         (VERTICES.replace("v 1", "v nan") + FACES, 4, "odd.obj: got v nan 0 0, wanted vertices of finite numbers"),
+        (PLY, 4, "odd.ply: got nan, wanted vertices of finite numbers"),
         (USD, 4, "odd.usda: objects: got vertices that are not finite, wanted numbers"),
         (VERTICES.replace("1", "1e30") + FACES, 4, "objects: got an extent of 1e+30, wanted 1e-09 to 1e+09"),
         ("mtllib nosuch.mtl\n" + VERTICES + FACES, 3, "odd.obj: mtllib: "),
         ("mtllib text.mtl\nusemtl a\n" + VERTICES + "usemtl a\n" + FACES, 4, "text.mtl: got no picture that Blender"),
     ],
-    ids=["nan", "nan of USD", "large", "no materials", "no picture"],
+    ids=["nan", "nan of PLY", "nan of USD", "large", "no materials", "no picture"],
 )
 def test_a_model_that_would_vanish_or_lose_its_look_is_refused(files, tmp_path, text, code, line):
     (tmp_path / "text.mtl").write_text("newmtl a\nmap_Kd text.mtl\n")
-    file = tmp_path / ("odd.usda" if text == USD else "odd.obj")
+    file = tmp_path / ("odd" + {USD: ".usda", PLY: ".ply"}.get(text, ".obj"))
     file.write_text(text)
     result = render(files, tmp_path / "s", [thing(files, file=str(file))], check=False)
     assert result.returncode == code and line in result.stderr and result.stderr.count("\n") == 1, result.stderr

@@ -286,6 +286,10 @@ def test_counts_are_those_of_the_output_s_window(tmp_path):
     np.testing.assert_array_equal(first + second, whole)
 
 
+def test_light_of_another_unit(tmp_path, pecs_program):
+    refused(pecs_program, write(tmp_path / "s", level=1e32), "wanted less than 1 A: the unit of the light")
+
+
 def test_a_time_in_another_unit_does_not_poison_what_follows():
     frame = np.full((4, 5), 0.5, np.float32)
     good = pecs.simulate(np.stack([frame * 2**i for i in range(4)]), 1e3 * np.arange(4), "ideal")
