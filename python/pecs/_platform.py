@@ -111,10 +111,12 @@ def empty_standard_input() -> None:
 
 
 @contextmanager
-def discarded(*descriptors: int) -> Iterator[None]:
-    """As `discard`, within the block."""
+def discarded(*descriptors: int, into: BinaryIO | None = None) -> Iterator[None]:
+    """As `discard`, within the block; `into`: a file that gets what is written."""
     saved = {descriptor: os.dup(descriptor) for descriptor in descriptors}
     discard(*descriptors)
+    for descriptor in descriptors if into else ():
+        os.dup2(into.fileno(), descriptor)
     try:
         yield
     finally:

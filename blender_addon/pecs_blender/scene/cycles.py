@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import bpy
 import numpy as np
@@ -175,10 +175,10 @@ sys.unraisablehook = _no_engine_traceback
 
 
 @contextlib.contextmanager
-def quiet(*descriptors: int):
-    """Discards what Blender prints to the C stdout for every frame, and to further `descriptors`."""
+def quiet(*descriptors: int, into: BinaryIO | None = None):
+    """Discards what Blender prints to the C stdout for every frame, and to `descriptors`; `into`: a file gets it."""
     sys.stdout.flush()
-    with discarded(1, *descriptors):
+    with discarded(1, *descriptors, into=into):
         try:
             yield
         finally:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -77,8 +78,12 @@ def imported(file: Path, up: str | None) -> list[bpy.types.Object]:
     rate = scene.render.fps, scene.render.fps_base
     before = {key: set(getattr(bpy.data, key)) for key in BLOCKS}
     try:
-        with cycles.quiet(2):
-            READERS[file.suffix.lower()](str(file.absolute()), up)
+        with tempfile.TemporaryFile() as said:
+            with cycles.quiet(2, into=said):
+                READERS[file.suffix.lower()](str(file.absolute()), up)
+            said.seek(0)
+            if missing := re.search(rb"Could not open asset @(.*?)@", said.read()):  # a warning of the USD library
+                raise PecsNotFoundError(f"{file}: {missing[1].decode(errors='replace')}: no such file")
     except AttributeError as e:
         raise PecsError(f"{file}: this Blender has no importer of it: {e}", ExitCode.UNSUPPORTED) from None
     except PecsError:

@@ -214,6 +214,16 @@ nan 0 0
 0 1 0
 3 0 1 2
 """
+PARTS = (
+    USD
+    + """
+def "part" (
+    references = @nosuch.usda@
+)
+{
+}
+"""
+)
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 
 
@@ -222,16 +232,17 @@ VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     [
         (VERTICES.replace("v 1", "v nan") + FACES, 4, "odd.obj: got v nan 0 0, wanted vertices of finite numbers"),
         (PLY, 4, "odd.ply: got nan, wanted vertices of finite numbers"),
+        (PARTS.replace("nan", "0"), 3, "odd.usda: nosuch.usda: no such file"),
         (USD, 4, "odd.usda: objects: got vertices that are not finite, wanted numbers"),
         (VERTICES.replace("1", "1e30") + FACES, 4, "objects: got an extent of 1e+30, wanted 1e-09 to 1e+09"),
         ("mtllib nosuch.mtl\n" + VERTICES + FACES, 3, "odd.obj: mtllib: "),
         ("mtllib text.mtl\nusemtl a\n" + VERTICES + "usemtl a\n" + FACES, 4, "text.mtl: got no picture that Blender"),
     ],
-    ids=["nan", "nan of PLY", "nan of USD", "large", "no materials", "no picture"],
+    ids=["nan", "nan of PLY", "missing part of USD", "nan of USD", "large", "no materials", "no picture"],
 )
 def test_a_model_that_would_vanish_or_lose_its_look_is_refused(files, tmp_path, text, code, line):
     (tmp_path / "text.mtl").write_text("newmtl a\nmap_Kd text.mtl\n")
-    file = tmp_path / ("odd" + {USD: ".usda", PLY: ".ply"}.get(text, ".obj"))
+    file = tmp_path / ("odd" + {"#": ".usda", "p": ".ply"}.get(text[0], ".obj"))
     file.write_text(text)
     result = render(files, tmp_path / "s", [thing(files, file=str(file))], check=False)
     assert result.returncode == code and line in result.stderr and result.stderr.count("\n") == 1, result.stderr
