@@ -105,7 +105,8 @@ events::Frame ChipFrames::developed(std::int64_t frame, std::span<const double> 
         electrons += std::hypot(std::sqrt(electrons), chip_.frame_read_noise_e) * gaussian(r[0]);
       }
       dn += electrons / chip_.frame_gain_e;
-      out.values[p] = static_cast<std::uint16_t>(std::lround(std::clamp(dn, 0.0, most)));
+      // Light that is not finite is counted in bad_values.
+      out.values[p] = std::isfinite(dn) ? static_cast<std::uint16_t>(std::lround(std::clamp(dn, 0.0, most))) : 0;
     }
   });
   return out;
