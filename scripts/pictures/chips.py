@@ -15,7 +15,7 @@ LUX = (1, 10, 100, 1000, 10_000)
 FNUMBERS = (1.4, 2, 4)
 PREFACE = """# Chips
 
-These are the profiles that `pecs chips` lists, but for those with [colour filters](sensor.md#colour-pixels), with all
+These are the profiles of `pecs chips` without [colour filters](sensor.md#colour-pixels), with all
 values and sources. `scripts/pictures/chips.py` writes this page from
 `sensor/chips/*.json`. [Sensor](sensor.md#chips) explains the keys.
 

@@ -119,8 +119,7 @@ cv::Mat brightness(const sensor::StackReader& stack, const std::optional<sensor:
   cv::Mat_<float> light(info.height, info.width);
   sensor::PhotocurrentReader(stack, sensor::amperes_per_unit(chip.value_or(flat), info, {{}, 1e-15, {}}))
       .read(0, 0, info.height, light.ptr<float>());
-  std::vector<float> values(light.begin(), light.end());
-  const double bright = std::max(sensor::quantile_fa(values, 0.995), 1e-30);
+  const double bright = std::max<double>(sensor::quantile({light.begin(), light.end()}, 0.995), 1e-30);
   cv::Mat picture;
   cv::pow(light / bright, 1 / 2.2, picture);
   picture.convertTo(picture, CV_8U, 255);

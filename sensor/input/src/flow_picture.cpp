@@ -3,14 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-namespace pecs::input {
+#include "pecs/sensor/photocurrent.h"
 
-float quantile(std::vector<float> values, double part) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, at);
-  return *at;
-}
+namespace pecs::input {
 
 cv::Mat_<float> relative_light(const sensor::FrameSource& frames, std::int64_t frame, const sensor::RowSink* sink) {
   cv::Mat_<float> light(frames.info().height, frames.info().width, 0.0f);
@@ -22,7 +17,7 @@ cv::Mat_<float> relative_light(const sensor::FrameSource& frames, std::int64_t f
     for (std::size_t i = 0; i < values.size(); ++i)
       if (std::isfinite(values[i])) to[i % plane] += std::max(0.0f, values[i]) / bands;
   });
-  light /= std::max(quantile({light.begin(), light.end()}, 0.995), 1e-20f);
+  light /= std::max(sensor::quantile({light.begin(), light.end()}, 0.995), 1e-20f);
   return light;
 }
 

@@ -1,13 +1,10 @@
 #pragma once
 // What optical flow sees of a frame.
 #include <opencv2/core.hpp>
-#include <vector>
 
 #include "pecs/sensor/source.h"
 
 namespace pecs::input {
-
-float quantile(std::vector<float> values, double part);  // 0 of none
 
 // Mean of the bands, relative to the frame's own white (that 99.5 % of the pixels do not exceed): fading light does not
 // move. The rows are also given to `sink`, if there is one.

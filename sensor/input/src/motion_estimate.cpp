@@ -12,6 +12,7 @@
 #include "flow_picture.h"
 #include "pecs/input/media.h"
 #include "pecs/sensor/motion.h"
+#include "pecs/sensor/photocurrent.h"
 
 namespace pecs::input {
 namespace {
@@ -238,8 +239,8 @@ const Estimate& EstimatedMotion::estimate(std::int64_t frame) const {
       if (!out.astray[0].at<std::uint8_t>(y, x)) lengths.push_back(length.at<float>(y, x));
 
   Measures& measures = measures_[frame];
-  measures.median_px = quantile(lengths, 0.5);
-  measures.largest_px = quantile(lengths, 0.999);  // single points are errors
+  measures.median_px = sensor::quantile(lengths, 0.5);
+  measures.largest_px = sensor::quantile(lengths, 0.999);  // single points are errors
   const auto& times_ns = info().times_ns;
   const auto at = static_cast<std::size_t>(frame);
   const double interval_us = 1e-3 * static_cast<double>(times_ns[at + 1] - times_ns[at]);
@@ -288,7 +289,7 @@ sensor::SourceReport EstimatedMotion::report() const {
     if (m.largest_px > largest.first) largest = {m.largest_px, frame};
   }
   if (!medians.empty()) unreliable /= static_cast<double>(medians.size());
-  const float median = quantile(medians, 0.5);
+  const float median = sensor::quantile(medians, 0.5);
   sensor::SourceReport out = source_->report();
   if (measures_.empty()) return out;
   out.results["motion_estimate"] = {

@@ -217,11 +217,11 @@ PhotocurrentReader::Bad PhotocurrentReader::mend(std::span<const float> values, 
   return bad;
 }
 
-double quantile_fa(std::vector<float>& values_fa, double part) {
-  std::erase_if(values_fa, [](float v) { return !std::isfinite(v); });
-  if (values_fa.empty()) return 0;
-  const auto at = values_fa.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values_fa.size() - 1));
-  std::ranges::nth_element(values_fa, at);
+float quantile(std::vector<float> values, double part) {
+  std::erase_if(values, [](float v) { return !std::isfinite(v); });
+  if (values.empty()) return 0;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
+  std::ranges::nth_element(values, at);
   return *at;
 }
 

@@ -80,7 +80,7 @@ double white_fa(const FrameSource& source, const Response& response) {
   const StackInfo& info = source.info();
   std::vector<float> first(static_cast<std::size_t>(info.width) * static_cast<std::size_t>(info.height));
   PhotocurrentReader(source, response).read(0, 0, info.height, first.data());
-  const double white = quantile_fa(first, 0.995);
+  const double white = quantile(std::move(first), 0.995);
   if (!(white > 0)) throw bad_input(source.name(), "first frame", "no light", "--white");
   return white;
 }
@@ -316,7 +316,7 @@ void SenseRun::note_light(const LightBatch& light, PixelRange range) {
 Json SenseRun::light_report() {
   Json out;
   for (const auto& [name, part] : {std::pair{"p05", 0.05}, {"median", 0.5}, {"p95", 0.95}}) {
-    const double a = 1e-15 * quantile_fa(first_fa_, part);
+    const double a = 1e-15 * quantile(first_fa_, part);
     out["photocurrent_a"][name] = a;
     out["corner_hz"][name] = chip_.corner_hz_per_a * (a + chip_.dark_current_a);
   }
