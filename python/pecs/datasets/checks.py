@@ -72,14 +72,15 @@ def motion(sequence: Sequence) -> dict[str, float]:
 
 
 def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
-    """Values beyond the limits of the recipe, one line each."""
+    """Values beyond the limits of the recipe, one line each. Noise of the renderer below the camera's own is within
+    them."""
     lines = []
     for name, camera in found["cameras"].items():
         for key in ("render_noise_share", "dropped_share"):
             value = camera.get("events", {}).get(key)
-            if value is not None and value > limits[key]:
-                own = camera["events"].get("camera_noise_share") if key == "render_noise_share" else None
-                more = f" (of the camera's own noise: {own:.3g})" if own is not None else ""
+            own = camera.get("events", {}).get("camera_noise_share", 0.0) if key == "render_noise_share" else 0.0
+            if value is not None and value > max(limits[key], own):
+                more = f" (of the camera's own noise: {own:.3g})" if own else ""
                 lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}{more}")
     fastest, limit = found["motion"]["speed_most_m_s"], limits.get("speed_m_per_s")
     if limit is not None and fastest > limit:
@@ -89,15 +90,19 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
 
 def left_out(camera: Camera) -> dict[str, Any]:
     """Truth that `flow` and `boxes` do not compare: objects that deform, and pixels of the flow that are hidden,
-    outside or unknown at the next instant."""
-    truth, shares, hidden = camera.truth, [], []
+    outside or unknown at the next instant. Speeds of the picture: of half and of a tenth of the known pixels or less."""
+    truth, shares, hidden, moved = camera.truth, [], [], []
     for i in range(len(truth)):
         shares.append(float(np.isin(truth.instances(i), list(truth.deforming)).mean()))
         if i + 1 < len(truth):
             hidden.append(float(1 - truth.visible_at(i).mean()))
+            px_s = np.hypot(*np.moveaxis(truth.flow(i), -1, 0)) * 1e6 / (truth.times_us[i + 1] - truth.times_us[i])
+            moved.append(np.nanpercentile(px_s, (50, 90)))
     names = sorted(o["name"] for o in truth.objects if o["id"] in truth.deforming)
     found = {"objects_that_deform": ", ".join(names), "share_of_pixels": float(np.mean(shares))}
-    return {"not_compared": found | {"flow_hidden_or_outside": float(np.mean(hidden)) if hidden else None}}
+    found["flow_hidden_or_outside"] = float(np.mean(hidden)) if hidden else None
+    speeds = dict(zip(("median_px_s", "p90_px_s"), np.mean(moved, 0).tolist(), strict=True)) if moved else None
+    return {"not_compared": found, "motion": speeds}
 
 
 def flow(camera: Camera) -> dict[str, Any]:

@@ -90,6 +90,14 @@ def missing(recipe: Recipe, output: Path) -> list[int]:
     return [i for i in range(recipe.sequences) if not sequence_folder(output, i).is_dir()]
 
 
+def _numbers(found: dict[str, Any]) -> dict[str, Any]:
+    """What a set is selected by, of the checks of an event camera."""
+    events, motion = found["events"], found.get("motion") or {}
+    shares = ("noise_share", "render_noise_share", "camera_noise_share", "dropped_share")
+    row = {"events": events["count"], "rate_per_pixel_hz": events["rate_per_pixel_hz"]}
+    return row | {f"motion_{key}": value for key, value in motion.items()} | {k: events[k] for k in shares if k in events}
+
+
 def write(recipe: Recipe, output: Path) -> dict[str, Any]:
     """Writes dataset.json; requires all sequences."""
     rows = []
@@ -97,6 +105,8 @@ def write(recipe: Recipe, output: Path) -> dict[str, Any]:
         folder = sequence_folder(output, index)
         info, checks = sealed(folder, "sequence.json"), sealed(folder, "checks.json")
         row = {key: info[key] for key in ("name", "split", "scene")} | {"sha256": sha256(folder / OWN)}
+        row |= {"duration_s": info["duration_us"] * 1e-6, "speed_m_s": checks["motion"]["speed_median_m_s"]}
+        row["cameras"] = {name: _numbers(found) for name, found in checks["cameras"].items() if "events" in found}
         rows.append(row | {"outside_limits": checks["outside_limits"]})
     manifest = {
         "format": 1,

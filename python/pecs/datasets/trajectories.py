@@ -30,6 +30,7 @@ from .paths import Clock, Path, State, Trajectory, spline
 __all__ = ["KINDS", "State", "Surfaces", "Trajectory", "instants", "needed_m", "plan"]
 
 KINDS = tuple(PARAMETERS)
+DEGREE = {"drone": 7, "hand_held": 5, "vehicle": 5}  # of the splines through waypoints
 MAX_WAYPOINTS = 2000
 CANDIDATES = 64  # points drawn per attempt
 FEW = 10000  # samples of surfaces in the test of what is in view
@@ -105,7 +106,7 @@ def plan(kind: str, parameters: Mapping[str, Any], surfaces: Surfaces | None, rn
     route, again_from_s, why = None, None, ""
     for _ in range(p["tries"]):
         try:
-            if kind in SPLINES:
+            if kind in DEGREE:
                 if route is None:
                     route = _Route(kind, p, clock, surfaces, rng)
                 elif again_from_s is not None:
@@ -204,6 +205,20 @@ class _Route:
         while len(points) < 5 or self._times(points)[-2] < self._clock.way_s:
             points.append(self._next(points))
         self.points, self.times_s = np.array(points), self._times(points)
+        self.times_s *= self._stretch()
+
+    def _stretch(self) -> float:
+        """Factor of the times that gives the spline the speed on average: it is longer than the lines between its
+        points."""
+        way = np.linspace(0, self.times_s[-1], 64 * len(self.points))
+        steps = np.linalg.norm(np.diff(self.position()(way), axis=0), axis=1)
+        length_m = np.concatenate([[0.0], np.cumsum(steps)])
+        return self._clock.way_s / float(np.interp(self._p["speed_m_per_s"] * self._clock.way_s, length_m, way))
+
+    def position(self) -> Callable[..., NDArray[np.float64]]:
+        """The spline through the points, in its way; a vehicle's is planar."""
+        axes = 2 if self._kind == "vehicle" else 3
+        return spline(self.times_s, self.points[:, :axes], DEGREE[self._kind])
 
     def _next(self, points: list) -> NDArray[np.float64]:
         """A point at the distance of a step that keeps clearance, as does the line to it."""
@@ -258,7 +273,7 @@ class _Route:
 def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
     """A quadrotor: its thrust carries gravity and acceleration, so that its axis is their sum's direction; yaw along
     the way, or towards a target (Mellinger & Kumar 2011, section III)."""
-    position, target = spline(route.times_s, route.points, 7), p["target"]
+    position, target = route.position(), p["target"]
     if target is None:
         velocity = position(route.times_s, 1)
         yaw = spline(route.times_s, np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))[:, None], 5)
@@ -281,7 +296,7 @@ def _drone(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
 def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
     """A spline; looks at a target or along a spline of yaw and pitch. Shake along the camera's axes and about them
     comes on top."""
-    position, target, drawn = spline(route.times_s, route.points, 5), p["target"], {}
+    position, target, drawn = route.position(), p["target"], {}
     knots = np.arange(math.ceil(clock.way_s / p["gaze_s"]) + 4) * p["gaze_s"]
     wander = np.radians(p["wander_deg"]) * rng.uniform(-1, 1, (len(knots), 2))
     if target is None:
@@ -305,7 +320,7 @@ def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
 
 def _vehicle(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
     """A planar spline at a fixed height, looking along its tangent; shake: heave, pitch and roll."""
-    position, height_m = spline(route.times_s, route.points[:, :2], 5), float(route.points[0, 2])
+    position, height_m = route.position(), float(route.points[0, 2])
     way = np.linspace(0, clock.way_s, 64 * len(route.points))
     (u, v), (du, dv) = position(way, 1).T, position(way, 2).T
     curvature = np.abs(u * dv - v * du) / np.hypot(u, v) ** 3
@@ -403,7 +418,6 @@ DRAWS: dict[str, Callable] = {
     "still": _still,
     "recorded": _recorded,
 }
-SPLINES = ("drone", "hand_held", "vehicle")
 assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 
 

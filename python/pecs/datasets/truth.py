@@ -31,6 +31,7 @@ STUFF = frozenset(
 )
 _SAME_DEPTH = 0.01  # relative difference of depths of one surface
 _LARGEST_ID = 1 << 16  # ids per event are u2
+_KEPT = 4  # layers: those of one instant and its flow
 
 
 class Truth:
@@ -44,6 +45,11 @@ class Truth:
         self.folder = folder
         self.shape = height, width
         existing(folder / "stack.json", "ground truth")
+
+    @cached_property
+    def _read(self) -> dict[tuple[str, int], NDArray[np.float32]]:
+        """The layers that were read last, by name and index."""
+        return {}
 
     def __getstate__(self) -> dict[str, Any]:  # what was read is read again
         return {"folder": self.folder, "shape": self.shape}
@@ -120,14 +126,26 @@ class Truth:
         return self._one_flow(i + 1, -1)
 
     def visible_at(self, i: int, to: int | None = None) -> NDArray[np.bool_]:
-        """Pixels [H, W] whose surface point is also visible at the next instant (default) or the one before: the mask
-        of pixels that two images can match. False where the flow is unknown.
+        """Pixels [H, W] whose surface point is also visible at instant `to` (default: the next) and at those on the
+        way: the mask of pixels that two images can match. False where the flow is unknown.
 
         The flow ends inside the image, and a pixel within 3/4 pixel of its end in x and y has its depth or more.
         """
-        step = (i + 1 if to is None else to) - i
-        if abs(step) != 1:
-            raise IndexError(f"{self.folder}: visible at {i} from {to}: wanted a neighbouring instant")
+        to = i + 1 if to is None else to
+        if to == i:
+            raise IndexError(f"{self.folder}: visible at {i}: got to {to}, wanted another instant")
+        step = 1 if to > i else -1
+        out = self._visible_next(i, step)
+        for k in range(i + step, to, step):
+            y, x = np.nonzero(out)
+            at = np.rint(np.stack([x, y], -1) + np.nan_to_num(self.flow(i, k)[y, x], nan=-1e6)).astype(int)
+            inside = (at >= 0).all(-1) & (at < self.shape[::-1]).all(-1)
+            there = np.clip(at, 0, np.array(self.shape[::-1]) - 1)
+            out[y, x] = inside & self._visible_next(k, step)[there[:, 1], there[:, 0]]
+        return out
+
+    def _visible_next(self, i: int, step: int) -> NDArray[np.bool_]:
+        """As `visible_at`, at the neighbour of instant i."""
         names = ("x_end", "y_end", "z_end") if step > 0 else ("back_x_end", "back_y_end", "back_z_end")
         x, y, z = self.layer("motion", i if step > 0 else i - 1, names).astype(np.float64)
         height, width = self.shape
@@ -203,8 +221,12 @@ class Truth:
             raise bad_input(
                 self.folder / "stack.json", f"layer {name}: channels", layer["channels"], ", ".join(sorted(missing))
             )
-        values = self._stack.read_layer(name, i)
-        return values[[layer["channels"].index(c) for c in wanted]] if wanted else values
+        values = self._read.get((name, i))
+        if values is None:
+            values = self._read[name, i] = self._stack.read_layer(name, i)
+            if len(self._read) > _KEPT:
+                self._read.pop(next(iter(self._read)))
+        return values[[layer["channels"].index(c) for c in wanted]] if wanted else values.copy()
 
     @cached_property
     def _json(self) -> dict[str, Any]:

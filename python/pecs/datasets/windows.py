@@ -42,8 +42,7 @@ class Windows:
     - flow: float32 [2, H, W] in pixels, from the truth's instant nearest to the window's begin to that nearest to its
     end
       (the next one, if they are the same); `flow_us` [2] are both times; NaN: unknown.
-    - visible: bool [H, W], whether the point of `flow` is visible at both ends; windows of one interval of the truth
-    only.
+    - visible: bool [H, W], whether the point of `flow` is visible at both ends and at the truth's times between.
     - depth: float32 [2, H, W] in m, along the chief ray, and z; of the instant nearest to the end, `truth_us`.
     - instances: int32 [H, W]; boxes: `BOX_DTYPE`; of the same instant.
     - frame: uint8 [3, H, W], RGB, the image nearest to the end of the RGB camera with the same pixels; `frame_us` [2]

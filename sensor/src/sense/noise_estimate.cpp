@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 namespace pecs::sensor {
 namespace {
 
@@ -40,11 +42,13 @@ void NoiseEstimate::step(FrameBatch frames, const std::vector<const float*>& lig
 void NoiseEstimate::report(Json& results) const {
   results["render_noise"] = other_render_.repeats.report();
   std::string camera;
+  double limit = kMuchRenderNoise;
   if (other_recording_) {
     results["camera_noise"] = other_recording_->repeats.report();
+    limit = std::max(limit, other_recording_->repeats.share());
     camera = fmt::format("; from the camera's own noise: {:.0f} %", 100 * other_recording_->repeats.share());
   }
-  if (const double share = other_render_.repeats.share(); share > kMuchRenderNoise)
+  if (const double share = other_render_.repeats.share(); share > limit)
     results["warnings"].push_back(fmt::format(
         "{:.0f} % of the events come from the noise of the renderer (they would not come again in another render{}); "
         "render with more --samples, or with --noise-events 10%",

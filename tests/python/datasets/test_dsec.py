@@ -154,10 +154,11 @@ def test_dsec_codes_of_16_bits_by_another_decoder(exported, dsec):
 def test_dsec_codes_at_their_ends():
     from pecs.datasets.writers.dsec import disparity_picture, flow_picture
 
-    flow = np.array([[[-256, 0], [255.99, 1 / 256], [256, 0], [0, -256.01], [np.nan, 0], [0.01, -0.01]]])
-    code, misfits = flow_picture(flow)
+    flow = np.array([[[-256, 0], [255.99, 1 / 256], [256, 0], [0, -256.01], [np.nan, 0], [0.01, -0.01], [1, 1]]])
+    code, misfits = flow_picture(flow, np.arange(7)[None] < 6)
     assert code.tolist() == [
         [[0, 32768, 1], [65535, 32768, 1], [32768, 32768, 0], [32768, 32768, 0], [32768, 32768, 0], [32769, 32767, 1]]
+        + [[32768, 32768, 0]]  # hidden
     ]
     assert misfits == 2
     code, misfits = disparity_picture(np.array([[0.0, 1 / 256, 255.99, 256.0, -1.0, np.nan]]))

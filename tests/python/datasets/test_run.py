@@ -261,12 +261,20 @@ def test_quality_is_in_the_set(made):
     assert 0 < events["corner_hz_p05"] <= events["corner_hz_median"] <= events["corner_hz_p95"]
     assert 0 <= checks["cameras"]["left"]["not_compared"]["flow_hidden_or_outside"] < 0.6
     assert 0 < checks["motion"]["speed_least_m_s"] <= checks["motion"]["speed_most_m_s"] < 5
-    noisy = [k for k in ("left", "right") if checks["cameras"][k]["events"]["render_noise_share"] > 0.1]
+    noisy = []
+    for k in ("left", "right"):
+        own = checks["cameras"][k]["events"]
+        noisy += [k] if own["render_noise_share"] > max(0.1, own["camera_noise_share"]) else []
     lines = [line for line in checks["outside_limits"] if "render_noise" in line]
     assert [line.partition(":")[0] for line in lines] == noisy and all("camera's own noise: 0." in x for x in lines)
     assert 0 < events["camera_noise_share"] < 1
     rows = json.loads((made / "set/dataset.json").read_text())["sequences"]
     assert rows[0]["outside_limits"] == checks["outside_limits"]
+    row = rows[0]["cameras"]["left"]
+    assert (row["events"], row["render_noise_share"]) == (events["count"], events["render_noise_share"])
+    flow = np.linalg.norm(Sequence(made / "set/sequences/0000").cameras["left"].truth.flow(0), axis=-1)
+    assert 0.2 < row["motion_median_px_s"] * 0.05 / np.nanmedian(flow) < 5  # 20 Hz
+    assert rows[0]["speed_m_s"] == checks["motion"]["speed_median_m_s"]
     assert (made / "set/index.html").read_text().count('class="film"') == 2
 
 

@@ -69,8 +69,10 @@ def test_what_is_visible_at_both_ends(folder, monkeypatch):
     for i, to, hidden in ((0, 1, [50, 51, 52, 94]), (1, 0, [40, 41, 42])):
         seen = truth.visible_at(i, to)
         assert np.flatnonzero(~seen[30]).tolist() == hidden and (seen == seen[30]).all()
-    with pytest.raises(IndexError, match="neighbouring"):
-        truth.visible_at(2, 4)
+    on_the_way = truth.visible_at(0, 2)[30]  # hidden at the first or at the second time after it
+    assert np.flatnonzero(~on_the_way).tolist() == [50, 51, 52, 53, 54, 55, 94]
+    with pytest.raises(IndexError, match="another instant"):
+        truth.visible_at(2, 2)
 
 
 def test_boxes_and_object_poses(folder):

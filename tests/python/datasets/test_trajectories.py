@@ -13,7 +13,7 @@ from pecs import _poses as poses
 from pecs.datasets import paths
 from pecs.datasets.parameters import PARAMETERS
 from pecs.datasets.paths import spline
-from pecs.datasets.trajectories import KINDS, SPLINES, Surfaces, instants, needed_m, plan
+from pecs.datasets.trajectories import DEGREE, KINDS, Surfaces, instants, needed_m, plan
 
 
 def walls(distance_m=3.0, spacing_m=0.1):
@@ -190,7 +190,17 @@ def test_recorded_goes_through_its_poses(tmp_path):
     assert np.abs(smooth.state(at).acceleration_m_s2).max() < 0.1 * np.abs(rough.state(at).acceleration_m_s2).max()
 
 
-@pytest.mark.parametrize("kind", SPLINES)
+@pytest.mark.parametrize("kind", DEGREE)
+def test_mean_speed_is_the_given_one(kind, tmp_path):
+    """Between drawn waypoints, although a spline is longer than the lines between them."""
+    given = parameters(kind, tmp_path, shake=0.0) if kind != "drone" else parameters(kind, tmp_path)
+    for seed in range(8):
+        trajectory = plan(kind, given, None, np.random.default_rng(seed))
+        moved = np.diff(trajectory.positions(np.linspace(0, 2, 4001)), axis=0)
+        assert np.linalg.norm(moved, axis=1).sum() / 2 == pytest.approx(trajectory.drawn["speed_m_per_s"], rel=0.01)
+
+
+@pytest.mark.parametrize("kind", DEGREE)
 def test_keeps_clear(kind, tmp_path):
     """Of walls, and of a ball that moves, at its own time."""
     times = np.linspace(0, 2, 21)
@@ -283,7 +293,7 @@ def test_what_was_drawn_is_json(tmp_path):
         given = {k: str(v) if k == "file" else v for k, v in parameters(kind, tmp_path).items()}
         trajectory = plan(kind, given, None, np.random.default_rng(1))
         drawn = json.loads(json.dumps(trajectory.drawn))
-        assert drawn["duration_s"] == 2.0 and (kind not in SPLINES or len(drawn["waypoints"]) >= 5)
+        assert drawn["duration_s"] == 2.0 and (kind not in DEGREE or len(drawn["waypoints"]) >= 5)
 
 
 def test_the_page(root):

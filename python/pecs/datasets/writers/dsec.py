@@ -5,7 +5,8 @@
       events/{left,right}/rectify_map.h5   rectify_map f4 [H, W, 2]: [y, x] -> (x', y') in the rectified picture
       disparity/timestamps.txt, disparity/event/NNNNNN.png   16 bit, 256 x disparity, 0 unknown; of events/left
       flow/{forward,backward}_timestamps.txt, flow/{forward,backward}/NNNNNN.png   16 bit RGB: R = 128 fx + 2^15,
-                                           G = 128 fy + 2^15, B = 1 where known; of events/left
+                                           G = 128 fy + 2^15, B = 1 where known and visible at
+                                           both ends; of events/left
       images/timestamps.txt, images/{left,right}/exposure_timestamps.txt, images/{left,right}/rectified/NNNNNN.png
       calibration/cam_to_cam.yaml          cam0 events left, cam1 images left, cam2 images right, cam3 events right
 
@@ -120,9 +121,10 @@ def surfaces(camera: Camera, i: int) -> NDArray[np.int64] | None:
     return camera.truth.instances(i) if "objects" in camera.truth.layers else None
 
 
-def flow_picture(flow_px: NDArray[np.float64]) -> tuple[NDArray[np.uint16], int]:
-    """DSEC's 16 bit picture, RGB, and how many known values do not fit (|f| >= 256 px)."""
-    known = np.isfinite(flow_px).all(-1)
+def flow_picture(flow_px: NDArray[np.float64], visible: NDArray[np.bool_]) -> tuple[NDArray[np.uint16], int]:
+    """DSEC's 16 bit picture, RGB, and how many known values do not fit (|f| >= 256 px). visible: pixels [H, W] whose
+    point is visible at the flow's end."""
+    known = np.isfinite(flow_px).all(-1) & visible
     code = np.rint(np.where(known[..., None], flow_px, 0) * 128) + (1 << 15)
     fits = ((code >= 0) & (code <= 65535)).all(-1)
     out = np.zeros((*known.shape, 3), np.uint16)
@@ -160,7 +162,8 @@ def _write_flow(
         for number, pair in enumerate(pairs):
             start, end = pair if name == "forward" else pair[::-1]
             flow = rectifier.flow(camera.truth.flow(start, end), surfaces(camera, start))
-            picture, too_long = flow_picture(flow)
+            seen = camera.truth.visible_at(start, end) if "depth" in camera.truth.layers else np.ones(flow.shape[:2])
+            picture, too_long = flow_picture(flow, rectifier.sample(seen[..., None].astype(np.float64))[..., 0] > 0.5)
             write_png(folder / name / f"{number:06d}.png", picture)
             lines.append(f"{times[start]}, {times[end]}")
             report.count(sequence.name, flow=1, pixels_of_flow_too_long=too_long)
