@@ -95,7 +95,8 @@ def _numbers(found: dict[str, Any]) -> dict[str, Any]:
     events, motion = found["events"], found.get("motion") or {}
     shares = ("noise_share", "render_noise_share", "camera_noise_share", "dropped_share")
     row = {"events": events["count"], "rate_per_pixel_hz": events["rate_per_pixel_hz"]}
-    return row | {f"motion_{key}": value for key, value in motion.items()} | {k: events[k] for k in shares if k in events}
+    row |= {f"motion_{key}": value for key, value in motion.items()}
+    return row | {key: events[key] for key in shares if key in events}
 
 
 def write(recipe: Recipe, output: Path) -> dict[str, Any]:
