@@ -90,7 +90,7 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
 
 def left_out(camera: Camera) -> dict[str, Any]:
     """Truth that `flow` and `boxes` do not compare: objects that deform, and pixels of the flow that are hidden,
-    outside or unknown at the next instant. Speeds of the picture: of half and of a tenth of the known pixels or less."""
+    outside or unknown at the next instant. Speeds of the picture are the median of the pixels and that of 90 %."""
     truth, shares, hidden, moved = camera.truth, [], [], []
     for i in range(len(truth)):
         shares.append(float(np.isin(truth.instances(i), list(truth.deforming)).mean()))
