@@ -10,5 +10,5 @@ say "ctest"
 ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
 "$PY" -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
-.venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py tests/python/learning/test_flow_study.py
+.venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py
 say "all tests passed"

@@ -5,10 +5,8 @@ board: a checkerboard of contrast 12:1 that slides over a still background.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-import pecs
 
 DARK, WHITE = 1 / 12, 1.0
 DISK_SECTORS_PX, DISK_PX = 60, 125
@@ -75,14 +73,3 @@ def stack_of(width: int, height: int, times_ns: list[int], **more: object) -> di
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns, "period_ns": None, "lens": None,
         "scene": {}, "render": {}, "versions": {}, **more,
     }  # fmt: skip
-
-
-def write_stack(folder: Path, light: np.ndarray, step_us: int, periodic: bool = False) -> Path:
-    """A stack of one band from irradiances [count, height, width]."""
-    count, height, width = light.shape
-    period_ns = 1000 * step_us * count if periodic else None
-    stack = stack_of(width, height, [1000 * step_us * i for i in range(count)], period_ns=period_ns)
-    with pecs.StackWriter(folder, stack) as writer:
-        for i, frame in enumerate(light):
-            writer.write_frame(i, frame[None].astype(np.float32))
-    return folder

@@ -117,7 +117,6 @@ Output(folder, json.loads((folder / "stack.json").read_text()), slice(2, 3), sys
 
 
 def test_kill_9_at_any_moment(root, whole, tmp_path):
-    """scripts/kill_test.py does it twenty times."""
     random.seed(6)
     for _ in range(3):
         process = subprocess.Popen(
