@@ -64,7 +64,7 @@ class PythonModels {
       throw ended();
   }
 
-  // Of the last message, without its first byte if that is '='.
+  // The last message, without its first byte if that is '='.
   std::span<const char> answer() {
     std::int64_t size = 0;
     if (!child_.read(&size, sizeof size)) throw ended();

@@ -11,7 +11,7 @@ namespace pecs::calibration {
 namespace {
 
 constexpr int kRows = 3, kWidth = 800;
-const cv::Scalar kBlue(178, 114, 0), kOrange(0, 94, 213), kInk(31, 31, 27);
+const cv::Scalar kOrange(0, 94, 213), kInk(31, 31, 27);
 
 using Line = std::vector<cv::Point3d>;  // right, down, forward in the axes of the unrotated camera [mm]
 
@@ -59,15 +59,15 @@ void draw_outline(cv::Mat& panel, const LabScene& s, double scene_us, const Opti
   }
 }
 
+// Multiplies the panel by the picture of the events of one colour.
 void draw_events(cv::Mat& panel, const events::Recording& recording, double middle_us, std::int64_t window_us,
-                 double times, const cv::Scalar& colour) {
-  for (const auto& e : recording.events) {
-    if (std::abs(static_cast<double>(e.t_us + recording.first_us) - middle_us) * 2 > static_cast<double>(window_us))
-      continue;
-    auto& dot = panel.at<cv::Vec3b>(std::min(panel.rows - 1, static_cast<int>((e.y + 0.5) * times)),
-                                    std::min(panel.cols - 1, static_cast<int>((e.x + 0.5) * times)));
-    for (int k = 0; k < 3; ++k) dot[k] = static_cast<std::uint8_t>(dot[k] * (0.3 + 0.7 * colour[k] / 255));
-  }
+                 const events::Rgb& colour) {
+  const auto from_us = static_cast<std::int64_t>(std::llround(middle_us)) - window_us / 2 - recording.first_us;
+  const view::Theme theme{{255, 255, 255}, {27, 31, 36}, colour, colour};
+  cv::Mat picture;
+  cv::resize(view::event_frame(recording, from_us, from_us + window_us, theme), picture, panel.size(), 0, 0,
+             cv::INTER_AREA);
+  cv::multiply(panel, picture, panel, 1 / 255.0);
 }
 
 }  // namespace
@@ -85,9 +85,9 @@ cv::Mat overlay_picture(const events::Recording& real, const LabScene& before, c
       const std::int64_t from = (real.span_us - window) * (row + 1) / (kRows + 1);
       const double file_us = static_cast<double>(real.first_us + from) + 0.5 * static_cast<double>(window);
       const double scene_us = aligned ? after.clock_rate * (file_us - after.clock_offset_us) : file_us;
-      draw_events(panel, real, file_us, window, times, kBlue);
+      draw_events(panel, real, file_us, window, view::kLight.on);
       if (aligned && sim)
-        draw_events(panel, *sim, scene_us, window, times, kOrange);
+        draw_events(panel, *sim, scene_us, window, view::kLight.off);
       else
         draw_outline(panel, aligned ? after.scene : before, scene_us, optics, times);
       cv::putText(panel, fmt::format("{}  t = {:.0f} us", aligned ? "aligned" : "before", file_us), {8, 18},

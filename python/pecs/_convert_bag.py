@@ -77,7 +77,7 @@ def _without(words: list[str], options: list[str]) -> list[str]:
 
 
 def _run_program(words: list[str], names: dict[str, str]) -> str:
-    """What the program prints; its messages have the names of the user's files. Raises SystemExit."""
+    """Runs the program; returns its output. Messages have the names of the user's files. Raises SystemExit."""
 
     def named(text: str) -> str:
         for alias, name in names.items():

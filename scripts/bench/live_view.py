@@ -1,4 +1,4 @@
-"""What the live view's sensor takes of a frame, without a window: `push` (light to events, and each event's time into
+"""Time of the live view's sensor for a frame, without a window: `push` (light to events, and each event's time into
 the picture that is drawn) on one thread, and the sum over RGBA before it. 24 frames a second of a textured disk that
 crosses a textured ground ("busy": eight times as fast, and turning). CPU time of the process (others share the
 machine), median and 95 % over the frames, best median of the passes. JSON.

@@ -1,4 +1,4 @@
-"""What rendering at keyframes costs and loses against uniform steps, for the same events: CPU seconds, and recall,
+"""Cost and loss of rendering at keyframes against uniform steps, for the same events: CPU seconds, and recall,
 precision and time error of events against a reference: keyframes 6 pixels apart, pictures between at steps of a quarter
 pixel, many samples, no denoising. "ceiling" is a second reference with another seed. noise_events is the share that
 `pecs sense` estimates from the stack alone. Prints JSON.
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab.measure import answer, command, measured
+from pecs_lab.measure import answer, command, measured, partners
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE_SAMPLES = 128
@@ -93,21 +93,8 @@ def reference_events(scene: Scene, output: Path, scenes: Path, seed: int = 77) -
 
 def score(reference: np.ndarray, found: np.ndarray, window_us: float) -> dict:
     """Events are paired that are nearest to each other, of one pixel and polarity, within the window."""
-
-    def axis(e):
-        key = (e["y"].astype(np.int64) * 8192 + e["x"]) * 2 + e["p"]
-        return np.sort(key * (1 << 40) + e["t"])
-
-    a, b = axis(reference), axis(found)
-
-    def nearest(of, among):
-        right = np.clip(np.searchsorted(among, of), 1, len(among) - 1)
-        return right - (of - among[right - 1] <= among[right] - of)
-
-    to_b, to_a = nearest(a, b), nearest(b, a)
-    mutual = to_a[to_b] == np.arange(len(a))
-    error = (b[to_b] - a)[mutual]
-    error = error[np.abs(error) <= window_us]
+    known, right = partners(reference, found, window_us)
+    error = found["t"][right] - reference["t"][known]
     return {
         "events": len(found),
         "recall": len(error) / len(reference),

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pecs
-from pecs_lab.measure import command
+from pecs._poses import write_tum
+from pecs_lab.measure import command, partners
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
 FPS = 30, 60, 120, 240
@@ -49,21 +51,8 @@ def write_path(file: Path) -> Path:
     """In TUM's format; the scenes' cameras look along +y, z is up."""
     t = np.arange(0, 0.7, 0.001)
     turn, place = poses(file.stem, t)
-    half = np.radians(turn) / 2
-
-    def product(a: list, b: list) -> list:  # of quaternions x y z w
-        (ax, ay, az, aw), (bx, by, bz, bw) = a, b
-        return [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ]
-
-    zero, (yaw, pitch, roll), level = 0 * t, half, np.full_like(t, np.sqrt(0.5))
-    q = product([zero, zero, np.sin(yaw), np.cos(yaw)], [np.sin(pitch), zero, zero, np.cos(pitch)])
-    q = product(product(q, [zero, np.sin(roll), zero, np.cos(roll)]), [-level, zero, zero, level])
-    np.savetxt(file, np.stack([t, *place, *q], axis=1), fmt="%.8f")
+    turned = Rotation.from_euler("ZXY", turn.T, degrees=True) * Rotation.from_euler("x", -90, degrees=True)
+    write_tum(file, t, place.T, turned.as_quat())
     return file
 
 
@@ -83,34 +72,18 @@ def render(name: str, folder: Path) -> Path:
     return out
 
 
-def matches(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which events of both have a partner: nearest to each other, of one pixel and polarity, within WITHIN_US."""
-    keys = [((e["y"].astype(np.int64) * 8192 + e["x"]) * 2 + e["p"]) << 32 | e["t"].astype(np.int64) for e in (a, b)]
-    orders = [np.argsort(k, kind="stable") for k in keys]
-    sa, sb = (k[o] for k, o in zip(keys, orders, strict=True))
-
-    def nearest(s: np.ndarray, t: np.ndarray) -> np.ndarray:
-        i = np.searchsorted(t, s)
-        low, high = np.clip(i - 1, 0, len(t) - 1), np.clip(i, 0, len(t) - 1)
-        return np.where(np.abs(s - t[low]) <= np.abs(t[high] - s), low, high)
-
-    partner = nearest(sa, sb)
-    good = (np.abs(sa - sb[partner]) <= WITHIN_US) & (nearest(sb, sa)[partner] == np.arange(len(sa)))
-    out = np.zeros(len(a), bool), np.zeros(len(b), bool)
-    out[0][orders[0][good]], out[1][orders[1][partner[good]]] = True, True
-    return out
-
-
 def score(truth: np.ndarray, found: np.ndarray, unsure: np.ndarray, end_us: float) -> dict[str, float]:
     truth, inside = truth[truth["t"] < end_us], found["t"] < end_us
     found, unsure = found[inside], unsure[inside]
-    known, right = matches(truth, found)
+    known, paired = partners(truth, found, WITHIN_US)
+    right = np.zeros(len(found), bool)
+    right[paired] = True
     bins = np.arange(0, end_us + 1, BIN_US)
     rates = [np.histogram(e["t"], bins)[0] for e in (truth, found)]
     out = {
         "events": len(found) / len(truth),
         "rate_correlation": float(np.corrcoef(*rates)[0, 1]),
-        "recall": known.mean(),
+        "recall": len(known) / len(truth),
         "precision": right.mean(),
         "unsure": unsure.mean(),
         "precision_sure": right[~unsure].mean(),
@@ -119,8 +92,8 @@ def score(truth: np.ndarray, found: np.ndarray, unsure: np.ndarray, end_us: floa
     return {key: None if np.isnan(value) else round(float(value), 4) for key, value in out.items()}
 
 
-def measure(stack: Path) -> dict[str, object]:
-    """Files go to the stack's name with .video."""
+def measure(stack: Path) -> list[dict[str, object]]:
+    """A row for each rate and way. Files go to the stack's name with .video."""
     folder = stack.with_suffix(".video")
     folder.mkdir(exist_ok=True)
     with pecs.Light(stack, CHIP["chip"]) as light:
@@ -133,38 +106,35 @@ def measure(stack: Path) -> dict[str, object]:
             frames[fps] = times, np.round(255 * srgb).astype(np.uint8)
     pecs.sense(stack, folder / "truth.npz", render_noise=0, **CHIP)
     truth = np.asarray(pecs.read(folder / "truth.npz"))
-    out: dict[str, object] = {"events_of_truth": len(truth)}
+    out: list[dict[str, object]] = []
     for fps, (times, pictures) in frames.items():
         video = folder / f"video_{fps}"
         video.mkdir(exist_ok=True)
         for i, picture in enumerate(pictures):
             Image.fromarray(picture).save(video / f"{i:04}.png")
-        row = {}
         for name, words in {"flow": ["--labels", str(folder / f"labels_{fps}.npy")], "no_flow": ["--no-flow"]}.items():
             out_file = folder / f"{name}_{fps}.npz"
             call = [pecs.program(), "sense", str(video), "-o", str(out_file)]
             call += ["--fps", str(fps), "--chip", CHIP["chip"], "--no-noise", "--readout", "ideal", "--quiet"]
             subprocess.run([*call, "--photocurrent", str(white), *words], check=True, stdout=subprocess.DEVNULL)
             found = np.asarray(pecs.read(out_file))
-            unsure = np.zeros(len(found), bool)
+            unsure, row = np.zeros(len(found), bool), {"fps": fps, "way": name}
             if name == "flow":
                 unsure = np.load(folder / f"labels_{fps}.npy") == pecs.sensor.LABELS.index("unsure")
-                record = json.loads(out_file.with_name(f"{out_file.name}.run.json").read_text())["results"][
-                    "motion_estimate"
-                ]
-                row["motion_px"] = [round(record["median_px"], 2), round(record["largest_px"], 1)]
-            row[name] = score(truth, found, unsure, float(times[-1]))
-        print(stack.name, fps, json.dumps(row), flush=True)
-        out[f"{fps} fps"] = row
+                results = json.loads(out_file.with_name(f"{out_file.name}.run.json").read_text())["results"]
+                estimate = results["motion_estimate"]
+                row["motion_px"] = [round(estimate["median_px"], 2), round(estimate["largest_px"], 1)]
+            out.append(row | score(truth, found, unsure, float(times[-1])))
+            print(stack.name, json.dumps(out[-1]), flush=True)
     return out
 
 
 def main(folder: Path, result: Path = ROOT / "scripts/studies/ordinary_video.json", *, only: list[str] = ()) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    scenes = {}
+    rows = []
     for name in only or SCENES:
-        scenes[name] = measure(render(name, folder))
-        result.write_text(json.dumps({"scenes": scenes}, indent=1) + "\n")
+        rows += [{"scene": name, **row} for row in measure(render(name, folder))]
+        result.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
 
 
 if __name__ == "__main__":

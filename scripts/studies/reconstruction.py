@@ -60,7 +60,7 @@ def stretched(picture: np.ndarray) -> np.ndarray:
 
 
 def ssim(a: np.ndarray, b: np.ndarray) -> float:
-    """Of Wang et al. 2004 with a uniform window of 7 pixels, as scikit-image's default."""
+    """Structural similarity (Wang et al. 2004) with a uniform window of 7 pixels, as scikit-image's default."""
 
     def mean(x: np.ndarray) -> np.ndarray:
         return uniform_filter(x, 7)[3:-3, 3:-3]

@@ -154,10 +154,5 @@ TEST(Prescription, WavelengthOutsideTheGlass) {
   }
 }
 
-TEST(Prescription, MissingFile) {
-  EXPECT_THROW(load_prescription("/no/such/lens.json"), Error);
-  EXPECT_THROW(load_prescription("no_such_lens"), Error);
-}
-
 }  // namespace
 }  // namespace pecs::lens

@@ -1,9 +1,7 @@
-// The light of a source at any time; tests/python/sensor/test_light.py has stacks on disk.
+// The light of a source at any time against the scene itself; tests/python/sensor/test_light.py has the rest.
 #include "pecs/sensor/light_sampler.h"
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
-#include <tbb/task_arena.h>
 
 #include <cmath>
 #include <vector>
@@ -99,49 +97,6 @@ TEST(LightSampler, IsThatOfTheSceneThen) {
   }
 }
 
-TEST(LightSampler, ThreadsAndOrderChangeNothing) {
-  const Moving source;
-  std::vector<Plane> planes;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 4);
-  for (const int threads : {1, 4})
-    tbb::task_arena(threads).execute([&] {
-      LightSampler light(source, kChips);
-      Plane all = at(light, {2900, 100, 1500, 900});
-      const Plane others = exposed(light, {200, 2000, 10, 16});
-      all.insert(all.end(), others.begin(), others.end());
-      planes.push_back(std::move(all));
-      const Plane alone = at(light, {100});
-      EXPECT_TRUE(
-          std::equal(alone.begin(), alone.end(), planes[0].begin() + static_cast<std::ptrdiff_t>(light.values())));
-    });
-  EXPECT_EQ(planes[0], planes[1]);
-}
-
-TEST(LightSampler, AnExposureIsTheMean) {
-  const Moving source;
-  LightSampler light(source, kChips);
-  const Plane mean = exposed(light, {600, 800, 0, 4}), planes = at(light, {700, 900, 1100, 1300});
-  for (std::size_t i = 0; i < light.values(); ++i) {
-    double sum = 0;
-    for (std::size_t k = 0; k < 4; ++k) sum += planes[k * light.values() + i];
-    ASSERT_NEAR(mean[i], sum / 4, 1e-6 * mean[i]);
-  }
-  // As many steps as half a pixel needs: 12 in the first interval, which is twice as fast.
-  EXPECT_EQ(exposed(light, {600, 800, 0, 0}), exposed(light, {600, 800, 0, 10}));
-  EXPECT_EQ(exposed(light, {1100, 800, 0, 0}), exposed(light, {1100, 800, 0, 5}));
-}
-
-TEST(LightSampler, ALoopGoesOn) {
-  Moving source;
-  source.info_.period_ns = 5'000'000;
-  LightSampler light(source, kChips);
-  EXPECT_TRUE(std::isinf(light.end_us()));
-  EXPECT_EQ(at(light, {5000, 10'000, 5e9}), at(light, {0, 0, 0}));
-  EXPECT_EQ(at(light, {14'000}), at(light, {4000}));
-  // A source with a period has all times, but not all exposures: these would be 2.6e9 cells.
-  EXPECT_THROW(exposed(light, {0, 1, 1000, kMostSteps}), Error);
-}
-
 // Each pixel of a mosaic has the light that all pixels have behind its filter, also where light moves across pixels.
 TEST(LightSampler, MosaicPicksTheLightOfEachPixelsFilter) {
   const Moving source;
@@ -195,18 +150,6 @@ TEST(FeedMoving, LoopsAreTheSameHeldOrComputedAgain) {
   EXPECT_GT(t_us[0].size(), 3 * 3 * 12);
   EXPECT_EQ(t_us[0], t_us[1]);
   EXPECT_EQ(planes[0], planes[1]);
-}
-
-TEST(LightSampler, WrongTimesAreRefused) {
-  const Moving source;
-  LightSampler light(source, kChips);
-  for (const double t_us : {-1.0, 3000.01, std::nan(""), std::numeric_limits<double>::infinity()})
-    EXPECT_THROW(at(light, {t_us}), Error) << t_us;
-  for (const Exposure& e : {Exposure{2500, 501, 0, 3}, Exposure{0, 100, 80, 3}, Exposure{500, 100, -20, 3},
-                            Exposure{500, 1, 30, kMostSteps}, Exposure{0, 0, 0, 3}, Exposure{0, 10, 0, kMostSteps + 1},
-                            Exposure{0, 10, std::nan(""), 1}})
-    EXPECT_THROW(exposed(light, e), Error) << e.begin_us;
-  EXPECT_NO_THROW(exposed(light, {2500, 500, 0, 3}));
 }
 
 }  // namespace

@@ -144,36 +144,6 @@ TEST_F(Stack, RefusesAGiantHeaderBeforeAllocating) {
   EXPECT_NE(refusal(), "");
 }
 
-TEST_F(Stack, LayersOfInstantsAndIntervals) {
-  Json json = {{"pecs_stack", 1}, {"quantity", "radiance"}, {"width", 5}, {"height", 3}, {"pixel_pitch_m", nullptr}};
-  json["bands"] = {{{"lambda_nm", 550}, {"weight_nm", 1}}};
-  json["times_ns"] = {0, 10, 20};
-  json["period_ns"] = nullptr;
-  json["layers"] = {
-      {{"name", "depth"}, {"files", "d_%06d.exr"}, {"channels", {"z"}}, {"unit", "m"}, {"at", "instant"}},
-      {{"name", "flow"}, {"files", "f_%06d.exr"}, {"channels", {"x", "y"}}, {"unit", "px"}, {"at", "interval"}}};
-  for (const char* key : {"scene", "render", "versions"}) json[key] = Json::object();
-  const StackWriter writer(dir_, json);
-  ASSERT_EQ(writer.info().layers.size(), 3u);
-  EXPECT_EQ(writer.info().layers[0].channels[0], "S0.550nm");
-  EXPECT_EQ(planned_frames(writer.info(), writer.info().layers[1]), 3);
-  EXPECT_EQ(planned_frames(writer.info(), writer.info().layers[2]), 2);
-  std::vector<float> light(15, 1), flow(30);
-  for (std::size_t i = 0; i < flow.size(); ++i) flow[i] = 1 + 1e-6f * static_cast<float>(i);
-  writer.write_frame(0, light);
-  writer.write_frame(1, flow, "flow");
-  EXPECT_THROW(writer.write_frame(2, flow, "flow"), Error);
-  EXPECT_THROW(writer.write_frame(0, flow, "depth"), Error);
-  EXPECT_TRUE(writer.has_frame(1, "flow"));
-  EXPECT_FALSE(writer.has_frame(0, "flow"));
-  const StackReader reader(dir_);
-  EXPECT_EQ(reader.frames(), 1);
-  EXPECT_EQ(reader.read_frame(1, "flow"), flow);
-  EXPECT_THROW(reader.read_frame(0, "flow"), Error);
-  EXPECT_THROW(reader.read_frame(0, "normals"), Error);
-  EXPECT_THROW(reader.read_frame(-1), Error);
-}
-
 TEST_F(Stack, RadianceKnowsItsFNumber) {
   Json json = {{"pecs_stack", 1}, {"quantity", "radiance"}, {"width", 5}, {"height", 3}, {"pixel_pitch_m", 1e-5}};
   json["bands"] = {{{"lambda_nm", 550}, {"weight_nm", 1}}};
@@ -216,11 +186,6 @@ TEST_F(Stack, AStillSceneIsWatched) {
   last = 2;
   EXPECT_EQ(sense(options).results["events"], 0);
   EXPECT_EQ(calls, 2);
-}
-
-TEST_F(Stack, NeedsTimes) {
-  write_half(frame(), Imf::ZIP_COMPRESSION, 4, 4, "S0.550nm");
-  EXPECT_THROW(StackReader{dir_}, Error);
 }
 
 }  // namespace pecs::sensor

@@ -148,18 +148,6 @@ TEST_F(Pictures, PageAboveItsLimitContainsAFairSubset) {
   EXPECT_TRUE(std::is_sorted(events.begin(), events.end(), [](const auto& a, const auto& b) { return a[0] < b[0]; }));
 }
 
-TEST_F(Pictures, TextHelpers) {
-  const std::string text = "Man";
-  const auto bytes = [](const std::string& t) {
-    return std::span(reinterpret_cast<const std::uint8_t*>(t.data()), t.size());
-  };
-  EXPECT_EQ(base64(bytes(text)), "TWFu");
-  EXPECT_EQ(base64(bytes("Ma")), "TWE=");
-  EXPECT_EQ(base64(bytes("M")), "TQ==");
-  EXPECT_EQ(fill_template("a {{x}} b", {{"x", "1"}}), "a 1 b");
-  EXPECT_THROW(fill_template("a {{y}} b", {{"x", "1"}}), Error);
-}
-
 TEST_F(Pictures, PageEscapesItsTexts) {
   const std::string evil = "<a&\"b\">";
   const Json series = {{"name", evil}, {"style", evil}, {"x", {0, 1, 2}}, {"y", {-1.5, nullptr, 2}}};

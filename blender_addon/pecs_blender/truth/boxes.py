@@ -46,7 +46,7 @@ class Shapes:
     def __init__(self) -> None:
         self._shapes: WeakKeyDictionary[Geometry, Shape] = WeakKeyDictionary()
 
-    def of(self, data: bpy.types.ID, geometry: Geometry) -> Shape:
+    def shape(self, data: bpy.types.ID, geometry: Geometry) -> Shape:
         if geometry not in self._shapes:
             self._shapes[geometry] = _shape(data, geometry)
         return self._shapes[geometry]

@@ -42,7 +42,7 @@ class Geometries:
         self._geometries: WeakValueDictionary[tuple, Geometry] = WeakValueDictionary()
         self._topologies: WeakValueDictionary[tuple, Topology] = WeakValueDictionary()
 
-    def of(self, data: bpy.types.ID) -> Geometry:
+    def geometry(self, data: bpy.types.ID) -> Geometry:
         """data: anything with positions; a mesh, curves, a point cloud."""
         mesh = isinstance(data, bpy.types.Mesh)
         points = values_of(data.attributes["position"].data, "vector", 3, np.float32) if len(data.attributes) else _none

@@ -28,7 +28,7 @@ class Objects(Layer):
     def _keys_at(self, things: Things, t_s: float) -> set[Key]:
         self._hits.surfaces.note = lambda instance, geometry: (
             things.key(instance),
-            self._shapes.of(instance.object.data, geometry),
+            self._shapes.shape(instance.object.data, geometry),
         )
         self._hits.stage.set_time(t_s)
         return {key for key, _ in self._hits.surfaces.poses().notes}
@@ -46,7 +46,7 @@ class Objects(Layer):
 
     def render(self, t_s: float) -> np.ndarray:
         seen = self._hits.at(t_s)
-        things = [self._things.of(key) for key, _ in seen.poses.notes]
+        things = [self._things.thing(key) for key, _ in seen.poses.notes]
         ids = self._ids(seen, np.array([thing.id if thing else 0 for thing in things] or [0]))
         parts: dict[Thing, list[boxes.Part]] = {}
         for thing, (_, shape), matrix in zip(things, seen.poses.notes, seen.poses.world_from_local, strict=True):

@@ -163,7 +163,7 @@ class Surfaces:
             key = data.as_pointer()
             if key not in numbers:
                 numbers[key] = len(geometries)
-                geometries.append(self._geometries.of(data))
+                geometries.append(self._geometries.geometry(data))
                 mark(thing)
             ids.append(instance.random_id & 0xFFFFFFFF if instance.is_instance else name_id(thing.name))
             matrices.append([v for row in instance.matrix_world for v in row])

@@ -113,10 +113,10 @@ class _Eye:
         metres = np.diag([*[self._source.unit_m] * 3, 1.0])
         for instance in renders(depsgraph):
             data = instance.object.data
-            geometry = self._geometries.of(data)
+            geometry = self._geometries.geometry(data)
             if len(geometry.vertices):
                 matrix = metres @ np.array(instance.matrix_world, float)
-                yield Instance(things.key(instance), geometry, self._shapes.of(data, geometry), matrix)
+                yield Instance(things.key(instance), geometry, self._shapes.shape(data, geometry), matrix)
 
 
 def _still(instants: list[list[Instance]]) -> set[Key]:
@@ -168,7 +168,7 @@ def _sampled(instances: list[Instance], things: Things, spacing_m: float) -> tup
     0."""
     points, normals, numbers = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
     for one in instances:
-        thing = things.of(one.key)
+        thing = things.thing(one.key)
         corners = one.corners()
         which = _steps(_areas(corners), spacing_m)
         if len(which):

@@ -53,7 +53,7 @@ class Things:
 
     _is_numbered = False
 
-    def of(self, key: Key) -> Thing | None:
+    def thing(self, key: Key) -> Thing | None:
         return self._things.get(key)
 
     def __iter__(self) -> Iterator[Thing]:

@@ -85,7 +85,7 @@ def printed(*words: Any) -> str:
 
 
 def fault_of(jobs: list[list[str]]) -> str:
-    """What is wrong with the options of renders; "" if nothing is, or if there is no pecs_blender to read them."""
+    """The error of the options of renders; "" without one, or if there is no pecs_blender to read them."""
     python, environment = _python()
     done = subprocess.run([python, "-c", READ], input=json.dumps(jobs), capture_output=True, text=True, env=environment)
     if done.returncode not in (0, FAULT) and "Traceback" in done.stderr:

@@ -266,9 +266,8 @@ def _spaced(indices: list[int]) -> list[int]:
 
 
 def _made(sequence: SequencePlan, folder: Path) -> tuple[float, float, float]:
-    """Of a sequence: which share of it exists, the time that this took [s] without pauses between runs, and its size
-    [GB]. The share of a sequence that is being made is that of the instants and pixels of the cameras whose light is
-    complete."""
+    """Share of a sequence that exists, the time that this took [s] without pauses between runs, and its size [GB]. The
+    share of a sequence that is being made is that of the instants and pixels of the cameras whose light is complete."""
     if folder.is_dir():
         share, until = 1.0, math.inf
     else:

@@ -167,7 +167,7 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
 
 
 def _truth_pictures(camera: Camera) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Of the instant in the middle."""
+    """Captions and pictures of the truth at the instant in the middle."""
     truth, found = camera.truth, []
     i = (len(truth) - 1) // 2
     if "depth" in truth.layers:

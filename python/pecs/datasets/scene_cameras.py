@@ -38,8 +38,8 @@ class SceneCamera:
     optics: dict[str, Any]
 
     def K(self, width: int, height: int) -> rig.Array:
-        """Of square pixels, OpenCV's (the first centre is at (0, 0)). Raises PecsInputError for a camera without one
-        K."""
+        """The camera matrix for square pixels, OpenCV's (the first centre is at (0, 0)). Raises PecsInputError for a
+        camera without one."""
         o = self.optics
         if o["type"] != "PERSP" or o["zooms"]:
             what = "a focal length or shift that changes" if o["zooms"] else f"type {o['type']}"
@@ -96,7 +96,7 @@ def _read(blend: Path, _changed_ns: int, allow_scripts: bool) -> SceneCameras:
 
 
 def K(plan: SequencePlan, camera: CameraPlan) -> rig.Array | None:
-    """Of a camera with the optics of one of the .blend; None for a lens. Raises PecsInputError."""
+    """The camera matrix of a camera with the optics of one of the .blend; None for a lens. Raises PecsInputError."""
     entry = camera.pixels.owner
     if entry.lens != OWN_LENS:
         return None

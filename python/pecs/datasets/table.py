@@ -52,26 +52,26 @@ class Value:
     """A number or text that is drawn for each sequence. kind: "fixed", "uniform", "log", "normal" or "choice"."""
 
     kind: str
-    of: tuple[Any, ...]
+    values: tuple[Any, ...]
     low: float = -math.inf
     high: float = math.inf
 
     @property
     def ends(self) -> tuple[Any, ...]:
         """Values that no drawn one is outside of, or all of a choice."""
-        return (self.low, self.high) if self.kind == "normal" else self.of
+        return (self.low, self.high) if self.kind == "normal" else self.values
 
     def draw(self, rng: np.random.Generator) -> Any:
         if self.kind == "fixed":
-            return self.of[0]
+            return self.values[0]
         if self.kind == "choice":
-            return self.of[int(rng.integers(len(self.of)))]
-        a, b = self.of
+            return self.values[int(rng.integers(len(self.values)))]
+        a, b = self.values
         if self.kind == "uniform":
             return float(rng.uniform(a, b))
         if self.kind == "log":
             return float(math.exp(rng.uniform(math.log(a), math.log(b))))
-        return self._normal(rng, *self.of)
+        return self._normal(rng, *self.values)
 
     def _normal(self, rng: np.random.Generator, mean: float, sd: float) -> float:
         """A normal distribution within the range, by rejection: of normal proposals, or, if the range is narrower than

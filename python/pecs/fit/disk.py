@@ -84,7 +84,7 @@ class DiskStatistics:
     corner_hz: Floats  # of the photoreceptor in white
     per_edge: Floats  # [group, light, polarity, bin] of events
 
-    def of(self, some: Some = None) -> Floats:
+    def mean(self, some: Some = None) -> Floats:
         mean: Floats = (self.per_edge if some is None else self.per_edge[some]).mean(axis=0)
         return mean
 
@@ -178,7 +178,7 @@ def measured(of: DiskEvents, some: Some = None) -> list[float]:
 def light_map(of: DiskEvents, answers: DiskStatistics, some: Some = None, simulated: Some = None) -> Floats:
     """Corner in white that gives each region its number of events."""
     count = of.region_count if some is None else of.region_count[some]
-    expected = np.einsum("lpb,rpb->rl", answers.of(simulated) + of.background, of.passes)
+    expected = np.einsum("lpb,rpb->rl", answers.mean(simulated) + of.background, of.passes)
     rising = np.maximum.accumulate(expected, axis=1) + 1e-6 * np.arange(expected.shape[1])
     number, log_corner = count.sum(axis=0) * len(of.region_count) / len(count), np.log(answers.corner_hz)
     out: Floats = np.exp([np.interp(n, r, log_corner) for n, r in zip(number, rising, strict=True)])
@@ -190,7 +190,7 @@ def predicted_per_edge(of: DiskEvents, answers: DiskStatistics, some: Some = Non
     log_corner = np.log(answers.corner_hz)
     at = np.interp(np.log(light_map(of, answers, some, simulated)), log_corner, np.arange(len(log_corner)))
     low = np.minimum(at.astype(int), len(log_corner) - 2)
-    part, mean = (at - low)[:, None, None], answers.of(simulated) + of.background
+    part, mean = (at - low)[:, None, None], answers.mean(simulated) + of.background
     total = ((1 - part) * mean[low] + part * mean[low + 1]) * of.passes
     out: Floats = total.sum(axis=0) / np.maximum(of.passes.sum(axis=0), 1e-9)
     return out

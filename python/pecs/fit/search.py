@@ -101,7 +101,7 @@ class Problem:
             return [("", statistics.of_quiet(of, pixels))]
         out = []
         for j, table in enumerate(tables):
-            mine = table if pixels is None else table.of(pixels)
+            mine = table if pixels is None else table.select(pixels)
             switch = f"{of.levels[j - 1]:g} to {of.levels[j]:g}"
             ramp, length_us = of.ramps_us is not None, float(of.lengths_us[j])
             found = statistics.of_switch(mine, self.later[number][j], of.exact, length_us, ramp)

@@ -32,7 +32,7 @@ class Table:
     count: NDArray[np.int64]
     gap_us: Floats
 
-    def of(self, pixels: NDArray[Any]) -> Table:
+    def select(self, pixels: NDArray[Any]) -> Table:
         return Table(self.times_us[pixels], self.count[pixels], self.gap_us[pixels])
 
 

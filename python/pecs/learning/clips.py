@@ -54,7 +54,7 @@ class Recording:
 
     @cached_property
     def pictures(self) -> NDArray[np.uint8]:
-        """Of the photocurrent of the pixels."""
+        """Pictures of the pixels' photocurrent."""
         folder = self.camera.folder
         own = folder / "chip.json"  # the profile that the recipe names
         chip = own if own.is_file() else str(self.camera.info["chip"])

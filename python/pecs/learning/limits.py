@@ -54,7 +54,7 @@ class NetworkConfig:
     levels: int = 4  # each has half the resolution of the one before
 
     @staticmethod
-    def of(fields: Fields) -> NetworkConfig:
+    def read(fields: Fields) -> NetworkConfig:
         """Reads `network` of config.json or of an ONNX file's record."""
         return record(NetworkConfig, fields)
 
@@ -97,13 +97,13 @@ class TrainConfig:
         return self.learning_rate * min(1.0, (step + 1) / WARM, (self.steps - step) / (self.decay_steps + 1))
 
     @staticmethod
-    def of(fields: Fields) -> TrainConfig:
+    def read(fields: Fields) -> TrainConfig:
         """Reads config.json, or the options as JSON has them."""
         clips = fields.table("clips")
         how = clips.optional(clips.table, "augmentation")
         augmentation = how and record(Augmentation, how)
         clip = record(ClipConfig, clips, augmentation=augmentation)
-        network = NetworkConfig.of(fields.table("network"))
+        network = NetworkConfig.read(fields.table("network"))
         if clip.crop % 2**network.levels:
             raise clips.wrong("crop", f"a multiple of {2**network.levels}, for {network.levels} levels")
         return record(TrainConfig, fields, network=network, clips=clip)

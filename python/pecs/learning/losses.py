@@ -22,7 +22,7 @@ def _blurred(x: Tensor) -> Tensor:
 
 def ssim(a: Tensor, b: Tensor) -> Tensor:
     """Mean of SSIM (Wang et al. 2004) over pictures and scales that are at least as large as the window. The product of
-    MS-SSIM would have hardly a gradient before a network has learnt anything."""
+    MS-SSIM would have hardly a gradient before a network is trained."""
     values = []
     for _ in range(SCALES):
         mean_a, mean_b = _blurred(a), _blurred(b)

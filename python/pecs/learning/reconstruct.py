@@ -118,7 +118,7 @@ class Network:
                 path, "pecs_network", said.get("pecs_network"), f"{NETWORK_FORMAT}: a network of `pecs train`"
             )
         record = Fields(parse_json(said.get("record", ""), f"{path}: record"), path, "record")
-        config = NetworkConfig.of(record.table("network"))
+        config = NetworkConfig.read(record.table("network"))
         self._path, self.record = path, record.content
         self._bins, self._size = config.bins, (height, width)
         step = 2**config.levels

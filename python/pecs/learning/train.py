@@ -40,7 +40,7 @@ class Losses:
 
 
 def losses_of(pictures: Tensor, truth: Tensor, config: TrainConfig, lpips: Lpips | None = None) -> Losses:
-    """Of pictures [N, 1, H, W]."""
+    """The losses of pictures [N, 1, H, W]."""
     parts = {"l1": (pictures - truth).abs().mean(), "ssim": ssim(pictures, truth)}
     if lpips:
         parts["lpips"] = lpips(pictures, truth).mean()
@@ -167,9 +167,9 @@ def _claimed(run: Path, config: TrainConfig) -> Iterator[None]:
 
 def _claim(run: Path, config: TrainConfig) -> None:
     wanted = json.loads(json.dumps(asdict(config)))
-    TrainConfig.of(Fields(wanted, "train"))
+    TrainConfig.read(Fields(wanted, "train"))
     if (run / CONFIG).exists():
-        there = asdict(TrainConfig.of(_config(run).table("config")))
+        there = asdict(TrainConfig.read(_config(run).table("config")))
         for key in wanted:
             if there[key] != wanted[key]:
                 got = f"{key}: got {there[key]!r}, wanted {wanted[key]!r}"
@@ -227,7 +227,7 @@ def _save(run: Path, net: Any, optimiser: Any, step: int) -> None:
 def trained(run: Path) -> tuple[Any, dict[str, Any]]:
     """The trained network of a folder, and its record."""
     top = _config(run)
-    net = RecurrentUNet(TrainConfig.of(top.table("config")).network)
+    net = RecurrentUNet(TrainConfig.read(top.table("config")).network)
     found = _load(run / CHECKPOINT, "cpu", net)
     return net.eval(), top.content | {"step": found["step"]}
 

@@ -157,7 +157,7 @@ class Slowness:
     local: np.ndarray  # [region]: ln of the whole recording's stretch, mean of both polarities
 
     @classmethod
-    def of(cls, events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> "Slowness":
+    def measure(cls, events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> "Slowness":
         delays = pecs.delays(events, disk=disk.detected, width=width, height=height, duration_us=round(duration_us))
         at = BINS_DEG[:-1] + 1
         histograms = [np.array(delays[p]["histogram"])[: len(at)] for p in ("off", "on")]

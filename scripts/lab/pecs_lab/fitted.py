@@ -223,7 +223,7 @@ class Halves:
     def scored(self) -> tuple[Scored, dict]:
         """The second half, and the scores of the recording's pixels between its own."""
         size, disk = (self.events.width, self.events.height), self.disk.coarser(SCORE_COARSER)
-        slowness = Slowness.of(self.events, self.disk, *size, self.duration_us)
+        slowness = Slowness.measure(self.events, self.disk, *size, self.duration_us)
         half = between(on_grid(self.events, SCORE_COARSER, 1), disk, self.middle_us, self.duration_us)
         small = [n // SCORE_COARSER for n in size]
         scored = Scored(*half, *small, self.duration_us - self.middle_us, slowness)

@@ -89,3 +89,18 @@ def by_pixel(events: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     key = (events["y"].astype(np.int64) * width + events["x"]) * 2 + events["p"]
     order = np.lexsort((events["t"], key))
     return key[order], events["t"][order].astype(float)
+
+
+def partners(a: np.ndarray, b: np.ndarray, within_us: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers in a and in b of events of one pixel and polarity that are nearest to each other, at most so far away."""
+    keys = [(((e["y"].astype(np.int64) * 8192 + e["x"]) * 2 + e["p"]) << 40) + e["t"].astype(np.int64) for e in (a, b)]
+    orders = [np.argsort(key, kind="stable") for key in keys]
+    ka, kb = (key[order] for key, order in zip(keys, orders, strict=True))
+
+    def nearest(of: np.ndarray, among: np.ndarray) -> np.ndarray:
+        right = np.clip(np.searchsorted(among, of), 1, len(among) - 1)
+        return right - (of - among[right - 1] <= among[right] - of)
+
+    to_b, to_a = nearest(ka, kb), nearest(kb, ka)
+    paired = np.flatnonzero((to_a[to_b] == np.arange(len(ka))) & (np.abs(ka - kb[to_b]) <= within_us))
+    return orders[0][paired], orders[1][to_b[paired]]

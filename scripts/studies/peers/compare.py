@@ -19,7 +19,7 @@ import numpy as np
 import pecs
 from numpy.lib.recfunctions import unstructured_to_structured
 from pecs_lab import scenes
-from pecs_lab.measure import answer, by_pixel, command
+from pecs_lab.measure import answer, by_pixel, command, partners
 from pecs_lab.peers import build_esim, options_of, run_esim
 from pecs_lab.report import table
 
@@ -84,18 +84,9 @@ class Program:
         return run_esim(driver, frames, step_s, thresholds, values.get("refractory_period_s", 0), 0.001)
 
 
-def matched(ours: np.ndarray, theirs: np.ndarray, width: int, tolerance_us: float) -> float:
+def matched(ours: np.ndarray, theirs: np.ndarray, tolerance_us: float) -> float:
     """Fraction of the larger stream that has a partner in the other: same pixel and polarity, at most so far away."""
-    (ka, ta), (kb, tb) = by_pixel(ours, width), by_pixel(theirs, width)
-    pairs = i = j = 0
-    while i < len(ka) and j < len(kb):
-        if ka[i] == kb[j] and abs(ta[i] - tb[j]) <= tolerance_us:
-            pairs, i, j = pairs + 1, i + 1, j + 1
-        elif (ka[i], ta[i]) < (kb[j], tb[j]):
-            i += 1
-        else:
-            j += 1
-    return pairs / max(len(ka), len(kb), 1)
+    return len(partners(ours, theirs, tolerance_us)[0]) / max(len(ours), len(theirs), 1)
 
 
 def interval_overlap(ours: np.ndarray, theirs: np.ndarray, width: int) -> float:
@@ -154,7 +145,7 @@ def row_of(case: tuple, program: Program) -> dict:
     if random:
         return row | {"peer_again": beside(program.run(overrides | parameters, seed=2)[0])}
     later = t_us[1] if peer == "esim" else 0  # esim's first interval is wrong (docs/reference/models.md)
-    return row | {"matched_1us": matched(ours[ours["t"] > later], theirs[theirs["t"] > later], width, 1.01)}
+    return row | {"matched_1us": matched(ours[ours["t"] > later], theirs[theirs["t"] > later], 1.01)}
 
 
 def main(

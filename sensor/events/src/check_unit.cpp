@@ -29,7 +29,7 @@ void check_assumed_unit(Reader& reader, const std::filesystem::path& path, TimeU
       if (events == 0) first_us = e.t_us;
       times += events == 0 || e.t_us != last_us;
       last_us = e.t_us;
-      // Of remainders: the difference of wrong times may exceed 64 bits.
+      // Remainders, since the difference of wrong times may exceed 64 bits.
       const std::int64_t rest = std::abs(e.t_us % step_us - first_us % step_us) % step_us;
       multiples = multiples && std::min(rest, step_us - rest) <= rounding_us;
       of_milliseconds = of_milliseconds && e.t_us % 1000 == 0;

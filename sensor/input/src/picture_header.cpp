@@ -31,7 +31,7 @@ class Bytes {
   std::ifstream file_;
 };
 
-// Of pixels per length; 0: not stated.
+// Aspect ratio of a pixel from pixels per length; 0: not stated.
 double aspect_of(double per_width, double per_height) {
   return per_width > 0 && per_height > 0 ? per_height / per_width : 1;
 }

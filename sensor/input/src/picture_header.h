@@ -1,5 +1,5 @@
 #pragma once
-// What OpenCV does not read of a picture's header: PNG, TIFF, JPEG (JFIF and Exif), BMP, WebP.
+// Fields of a picture's header that OpenCV does not read: PNG, TIFF, JPEG (JFIF and Exif), BMP, WebP.
 #include <filesystem>
 
 namespace pecs::input {

@@ -184,7 +184,7 @@ RowSink PhotocurrentReader::disturbance(float* plane) const {
   };
 }
 
-// Of a whole frame with its subpixels. has_holes: values that are not finite were not rendered.
+// Sums the subpixels of a whole frame. has_holes: values that are not finite were not rendered.
 RowSink PhotocurrentReader::sums(std::size_t filter, float* plane, bool has_holes) {
   return [=, this](int y, int rows, std::span<const float> values) {
     const auto columns = static_cast<std::size_t>(info().file_width());

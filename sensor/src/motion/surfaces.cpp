@@ -42,7 +42,7 @@ float length2(Vec2 v) { return v.x * v.x + v.y * v.y; }
 
 float moved2(const Point& p) { return length2(p.moved.back()); }
 
-// Of two points at one depth, the one that moves more counts as nearer (of coplanar objects it lies on the other).
+// At equal depth the point that moves more is nearer: of coplanar objects it lies on the other.
 bool is_nearer(const Point& a, const Point& b) { return a.z < b.z || (a.z == b.z && moved2(a) > moved2(b)); }
 
 }  // namespace

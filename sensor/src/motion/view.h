@@ -26,7 +26,7 @@ struct View {
   bool is_before(const VisiblePoint& boundary, const VisiblePoint& other) const;
 };
 
-// Where two different points land on one pixel, removes the farther one.
+// Removes the farther one of two different points that land on one pixel.
 void drop_hidden(Landing::Layer& a, Landing::Layer& b);
 
 // A pixel of a tile at which one keyframe or both show the boundary of a nearer surface.

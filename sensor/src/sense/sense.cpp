@@ -163,7 +163,7 @@ void SenseRun::estimate_noise() {
                  std::move(other_recording), Repeats(source_->info().width, timeline_.from_us(), timeline_.to_us()));
 }
 
-// Of all bands, or of those drawn.
+// Response to all bands, or to those drawn.
 Response SenseRun::response() {
   const StackInfo& info = source_->info();
   const std::vector<double> all = amperes_per_unit(chip_, info, options_.light, source_->name());

@@ -178,7 +178,7 @@ void EventStages::after_readout(LabelledEvents& labelled, bool last, std::vector
   std::swap(labelled, out);
 }
 
-// Of a period's events, ERC keeps as many as it may, evenly spread over their order.
+// ERC keeps as many of a period's events as it may, evenly spread over their order.
 void EventStages::release(LabelledEvents& out, std::vector<DroppedEvent>* dropped) {
   const std::int64_t waiting = most_ ? std::ranges::count(held_, Stage::none, &Held::stage) : 0;
   std::int64_t seen = 0;

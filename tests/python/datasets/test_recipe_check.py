@@ -99,12 +99,6 @@ def test_the_plan_of_a_million_sequences(tmp_path):
     assert counts[0] == pytest.approx(counts[1], rel=0.01)
 
 
-@pytest.mark.parametrize("names", [("left", "Left"), ("left", "n" * 300)], ids=["case", "length"])
-def test_names_that_make_no_folder(tmp_path, names):
-    path = write(tmp_path, 'name = "film"', f'name = "{names[1]}"')
-    refused(dataset(path, "-o", tmp_path / "set", "--plan"), 4, "r.toml: rig.camera: got the name ")
-
-
 WRONG = [
     ("width = 128", "width = 4000", "rig.camera left: "),
     ('partner = "left"\n', "", "rig.camera left.partner: got right, wanted a camera of the same kind whose partner"),
@@ -139,6 +133,8 @@ WRONG = [
     ("bands = 3", "bands = 0", "--bands"),
     ("samples = 4", "allow_scripts = true", "render.allow_scripts: got a permission in the recipe, wanted the flag"),
     ("bands = 3", "allow_scripts = true", "options.allow_scripts: got a permission in the recipe"),
+    ("[rig.camera.bias]", "[rig.camera.options]\nallow_scripts = false\n[rig.camera.bias]",
+     "options.allow_scripts: got a permission in the recipe"),
     ('layers = ["depth"]', 'layers = ["nosuch"]', "--layers: got 'nosuch'"),
     ("rpm =", "nosuch =", "--set nosuch="),
     ("{log = [100, 1000]}", "{log = [100, 1e30]}", "rpm"),

@@ -146,10 +146,6 @@ def test_a_limit_on_file_sizes_is_one_line(pecs_program, recording, tmp_path):
     refused(pecs_program("convert", recording, tmp_path / "o.csv", **limit), 5, "o.csv")
 
 
-def test_video_in_a_missing_folder(pecs_program, recording, tmp_path):
-    refused(pecs_program("view", recording, "-o", tmp_path / "none/o.mp4"), 5, "No such file or directory")
-
-
 # --- the way in and out -----------------------------------------------------------------------------------------------
 
 

@@ -165,9 +165,9 @@ def test_training_continues(trainable, tmp_path):
         raise AssertionError("another config")
     except PecsOutputError as e:
         assert "seed: got 1, wanted 2" in str(e)
-    learnt = dataclasses.replace(SHORT, steps=40, learning_rate=1e-2, clips=dataclasses.replace(SHORT.clips, windows=9))
+    steady = dataclasses.replace(SHORT, steps=40, learning_rate=1e-2, clips=dataclasses.replace(SHORT.clips, windows=9))
     losses = []
-    train(found[:1], tmp_path / "learnt", learnt, progress=lambda _, loss: losses.append(loss))
+    train(found[:1], tmp_path / "steady", steady, progress=lambda _, loss: losses.append(loss))
     assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:3]), losses
 
 

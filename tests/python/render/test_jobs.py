@@ -125,8 +125,9 @@ def test_kill_9_at_any_moment(root, whole, tmp_path):
         time.sleep(random.uniform(0.5, 3))
         process.send_signal(signal.SIGKILL)
         process.wait()
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*.exr")}
     run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6))
-    assert files(tmp_path / "s") == files(whole)
+    assert files(tmp_path / "s") == files(whole) and all(p.stat().st_mtime_ns == ns for p, ns in before.items())
 
 
 def test_every_scene_renders(root, tmp_path):

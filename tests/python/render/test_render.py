@@ -1,11 +1,9 @@
-"""Rendering with Cycles: geometry, absolute light, resuming, and a static scene that stays static. Every job runs in
+"""Rendering with Cycles: geometry, absolute light, and a static scene that stays static. Every job runs in
 its own process, as users run it."""
 
 import json
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -141,32 +139,6 @@ def test_a_static_scene_is_bit_identical_and_gives_no_events(render, pecs_progra
     result = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "e.csv", "--chip", "imx636", "--no-noise")
     assert result.returncode == 0, result.stderr
     assert json.loads(pecs_program("info", tmp_path / "e.csv", "--json").stdout)["events"] == 0
-
-
-def test_a_killed_job_continues_to_the_same_stack(render, root, tmp_path):
-    common = ("--bands", 3, "--frames", 6, "--fps", 1000, "--width", 64, "--samples", 4, "--lens", "none")
-    render(tmp_path / "whole", *common)
-    killed = tmp_path / "killed"
-    command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", killed, *map(str, common)]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    while process.poll() is None and len(list(killed.glob("frame_*.exr"))) < 2:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    before = {p.name: p.stat().st_mtime_ns for p in killed.glob("frame_*.exr")}
-    assert before
-    render(killed, *common)
-    after = {p.name: p.stat().st_mtime_ns for p in killed.glob("frame_*.exr")}
-    assert {name: after[name] for name in before} == before  # never rendered twice
-    for path in (tmp_path / "whole").glob("*"):
-        assert path.read_bytes() == (killed / path.name).read_bytes(), path.name
-
-
-def test_another_job_does_not_write_into_a_stack(render, tmp_path):
-    common = ("--bands", 1, "--frames", 1, "--width", 32, "--samples", 1, "--lens", "none")
-    render(tmp_path / "s", *common)
-    result = render(tmp_path / "s", *common, "--seed", 2, check=False)
-    assert result.returncode == 5 and len(result.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -35,24 +35,6 @@ def test_a_bias_is_its_threshold(stack, tmp_path, pecs_program):
     assert record["config"]["chip"]["biases"] == {"diff_on": 35, "diff_off": -9}
 
 
-WRONG = {
-    "no value": ("35 % bias_diff_on\nfast % bias_fo\n", "a.bias: line 2: got fast % bias_fo, wanted VALUE % NAME"),
-    "no percent": ("35 bias_diff_on\n", "a.bias: line 1: got 35 bias_diff_on, wanted VALUE % NAME"),
-    "twice": ("1 % bias_fo\n2 % bias_fo\n", "bias fo: is set twice"),
-    "not published": ("20 % bias_fo\n", "bias fo: its effect is not published; give --set amplifier_cutoff_hz=VALUE"),
-    "absolute": ("299 % bias_diff\n", "bias diff: got 299, wanted an offset to the factory setting in [-25, 23]"),
-}
-
-
-@pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_bias_file_is_one_line(case, stack, tmp_path, pecs_program):
-    text, said = WRONG[case]
-    (tmp_path / "a.bias").write_text(text)
-    done = pecs_program("sense", stack, "-o", tmp_path / "x.npz", "--bias-file", tmp_path / "a.bias")
-    assert done.returncode in (2, 4) and said in done.stderr and done.stderr.count("\n") == 1, done.stderr
-    assert not (tmp_path / "x.npz").exists()
-
-
 def test_doubtful_biases_and_ignored_settings_are_warnings(stack, tmp_path, pecs_program):
     settings = {
         "ll_biases_state": {"bias": [{"name": "bias_diff_on", "value": 100}]},

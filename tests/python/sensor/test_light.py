@@ -174,6 +174,8 @@ def test_loops_go_on(tmp_path):
         assert np.array_equal(light.at(2000 * STEP_US), light.at(0.0))
         same(light.at(2001.25 * STEP_US), light.at(1.25 * STEP_US), 1e-5)
         same(light.mean(1.5 * STEP_US, 2.5 * STEP_US, 10), light.mean(3.5 * STEP_US, 4.5 * STEP_US, 10))
+        with pytest.raises(ValueError, match="steps"):
+            light.exposure(0, 1, 1000, 65536)
 
 
 def test_frames_without_motion_are_blended(tmp_path):

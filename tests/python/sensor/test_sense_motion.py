@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pecs
 import pytest
+from pecs_lab.measure import partners
 from support.moving_scene import Scene, write_stack
 from support.small_stacks import read_csv, sense, write
 
@@ -73,22 +74,8 @@ def sensed_with_noise(folder, lights, noises, motion, **options):
 
 
 def share_alone(events, others, window_us):
-    """Of the events, those that no event of the same pixel and polarity is mutually nearest to within the window."""
-
-    def nearest(of, among):
-        same = (of["x"][:, None] == among["x"]) & (of["p"][:, None] == among["p"])
-        apart = np.where(same, np.abs(of["t"][:, None] - among["t"]), 1 << 40)
-        return apart.argmin(1), apart.min(1)
-
-    alone = 0
-    for row in range(SCENE.height):
-        a, b = (e[e["y"] == row] for e in (events, others))
-        if not (len(a) and len(b)):
-            alone += len(a)
-            continue
-        (to_b, apart), (to_a, _) = nearest(a, b), nearest(b, a)
-        alone += int(((to_a[to_b] != np.arange(len(a))) | (apart > window_us)).sum())
-    return alone / len(events)
+    """Of the events, those without a partner within the window."""
+    return 1 - len(partners(events, others, window_us)[0]) / len(events)
 
 
 @pytest.mark.parametrize("sigma", [0.04, 0.08])

@@ -93,7 +93,7 @@ class PhotocurrentReader {
   std::atomic<std::int64_t> not_finite_{0}, negative_{0};
 };
 
-// Of the finite values; 0 without any.
+// Quantile of the finite values; 0 without any.
 float quantile(std::vector<float> values, double part);
 
 }  // namespace pecs::sensor
