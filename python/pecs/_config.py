@@ -71,10 +71,6 @@ def parse_json(text: str, file: object) -> Any:
     return value
 
 
-def read_toml(path: Path, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
-    return parse_toml(read_text(path, max_bytes, "TOML"), path)
-
-
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
     if sys.version_info < (3, 11):
         import tomli as tomllib

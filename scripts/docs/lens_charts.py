@@ -10,9 +10,10 @@ import subprocess
 from pathlib import Path
 
 import pecs
-from pecs_lab.films import covered
 
 ROOT = Path(__file__).resolve().parents[2]
+FILMS_MM = ((36.0, 24.0), (6.2208, 3.4992))  # full frame; 1280 x 720 pixels of 4.86 um
+LEAST_LIGHT = 0.02  # of the corner, relative to the middle
 PREFACE = """# The shipped lenses
 Written by `scripts/docs/lens_charts.py`. Focus at infinity, wide open. Film: the larger of 36 x 24 mm and
 6.2208 x 3.4992 mm (1280 x 720 pixels of 4.86 um) that the lens lights to its corners. Field: the film's diagonal.
@@ -23,6 +24,16 @@ is estimated in it (housing radii, matched glasses). A C-mount leaves 17.5 mm be
 | lens | EFL mm | f-number | BFL mm | film mm | field deg | corner light | distortion % | spot um |
 |---|---|---|---|---|---|---|---|---|
 """
+
+
+def covered(name):
+    """The largest film that a lens of lens_data lights to its corners, and its `Lens.info` there."""
+    with pecs.Lens(name) as lens:
+        for width, height in FILMS_MM:
+            info = lens.info(lambda_nm=587.5618, field_rows=9, film_width_mm=width, film_height_mm=height)
+            if info["field"][-1]["relative_illumination"] > LEAST_LIGHT:
+                return (width, height), info
+    raise SystemExit(f"{name}: lights no film of {FILMS_MM} mm")
 
 
 def main():

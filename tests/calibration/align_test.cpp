@@ -18,7 +18,7 @@ const std::string kScenes = std::string(PECS_SOURCE_DIR) + "/scenes/";
 constexpr double kDegree = CV_PI / 180;
 
 // A camera rotated from Blender's (90, 0, 0): the reference for the rotation that align_scene writes.
-struct Turned {
+struct CameraPose {
   cv::Vec3d rotation_deg;
   cv::Matx33d camera_from_world() const {
     const auto about = [](int axis, double deg) {
@@ -35,7 +35,7 @@ struct Turned {
 };
 
 // Events of the disk of scenes/rotating_disk in front of a rotated camera, drawn from its geometry behind their edge.
-events::Recording disk_recording(const Optics& optics, const Turned& camera, const std::map<std::string, double>& p,
+events::Recording disk_recording(const Optics& optics, const CameraPose& camera, const std::map<std::string, double>& p,
                                  cv::Size size) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> unit(0, 1);
@@ -63,7 +63,7 @@ TEST(Align, DiskAndRotatedCamera) {
   const LabScene scene = load_lab_scene(kScenes + "rotating_disk");
   const cv::Size size(1280, 720);
   const Optics optics = optics_of(scene.lens, size);
-  const Turned camera{{91.5, 0, 3}};
+  const CameraPose camera{{91.5, 0, 3}};
   auto truth = scene.values;
   truth["disk_right_mm"] = 60, truth["disk_up_mm"] = 35, truth["disk_distance_mm"] = 1500, truth["phase_deg"] = 40,
   truth["rpm"] = 355;
@@ -76,7 +76,7 @@ TEST(Align, DiskAndRotatedCamera) {
   EXPECT_NEAR(v.at("disk_distance_mm"), 1500, 8);
   // The position of the disk in the picture is far more certain than the camera's rotation.
   const auto centre = [&](const cv::Vec3d& rotation, const std::map<std::string, double>& p) {
-    return optics.project(cv::Point3d(Turned{rotation}.camera_from_world() *
+    return optics.project(cv::Point3d(CameraPose{rotation}.camera_from_world() *
                                       cv::Vec3d(p.at("disk_right_mm"), p.at("disk_distance_mm"), p.at("disk_up_mm"))));
   };
   EXPECT_LT(cv::norm(centre(aligned.scene.rotation_deg, v) - centre(camera.rotation_deg, truth)), 0.3);

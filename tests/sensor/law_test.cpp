@@ -104,7 +104,7 @@ Moments moments(const std::vector<double>& v) {
 
 double two_sided(double z) { return std::erfc(std::abs(z) / std::numbers::sqrt2); }
 
-// Of the means' difference (Welch).
+// Standard error of the means' difference (Welch).
 double normal_score(const std::vector<double>& a, const std::vector<double>& b) {
   const Moments x = moments(a), y = moments(b);
   const double error =
@@ -225,7 +225,7 @@ class Jury {
     };
     add_scores("ON beyond their share", beyond(on, off), beyond(expected_on, expected_off));
   }
-  // Of the first events, and from there to the second ones: later than the end if there are none.
+  // Delays of the first events, and from there to the second ones: later than the end if there are none.
   void compare_times(const Events& found, const Events& expected, double end_us) {
     const auto first = [=](const auto& p) { return p.empty() ? end_us : p[0].t_us; };
     const auto interval = [=](const auto& p) { return p.size() < 2 ? end_us : p[1].t_us - p[0].t_us; };

@@ -304,9 +304,9 @@ class Estimate:
 
     def _start(self) -> dict[str, float]:
         """Values where the search starts."""
-        quiets = [d for d in self.problem.data if isinstance(d, StillEvents)]
+        stills = [d for d in self.problem.data if isinstance(d, StillEvents)]
         out, fixed = {}, {LIGHT if self.problem.light_a else "corner_hz_per_a"}
-        fixed |= set() if quiets else set(STILL_KEYS)
+        fixed |= set() if stills else set(STILL_KEYS)
         fixed |= set() if self.has_steps or self.slow else {LIGHT, *OF_SPEED}
         for key, (_, low, high, instead) in FREE.items():
             if key not in fixed:
@@ -322,9 +322,9 @@ class Estimate:
         if gaps and "refractory_period_s" in out:
             _, low, high, _ = FREE["refractory_period_s"]
             out["refractory_period_s"] = float(np.clip(min(gaps) / 2, low, SLOW_REFRACTORY_S if self.slow else high))
-        if quiets:  # all rates of the recording with the fewest events are background
-            out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in quiets)
-            out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in quiets)
+        if stills:  # all rates of the recording with the fewest events are background
+            out["background_on_hz"] = min(float(q.on.mean()) / q.seconds for q in stills)
+            out["background_off_hz"] = min(float(q.off.mean()) / q.seconds for q in stills)
         return out
 
     def run(self) -> Fitted:
@@ -496,9 +496,9 @@ class Estimate:
         if of.beside is None:
             return {}
         hot, out = hot_pixels.find([of.beside]), {}
-        quiet = of.beside.without(hot[0]) if hot else of.beside
-        pixel_s = quiet.pixels * quiet.seconds
-        for key, number in (("background_on_hz", int(quiet.on.sum())), ("background_off_hz", int(quiet.off.sum()))):
+        still = of.beside.without(hot[0]) if hot else of.beside
+        pixel_s = still.pixels * still.seconds
+        for key, number in (("background_on_hz", int(still.on.sum())), ("background_off_hz", int(still.off.sum()))):
             most = (number + NORMAL_95 * float(np.sqrt(number + 1))) / pixel_s
             out[key] = Value(number / pixel_s, (0.0, most), self.profile[key])
         return out

@@ -9,13 +9,13 @@ from .._errors import optional_module
 from .recordings import StillEvents
 
 
-def find(quiets: list[StillEvents]) -> tuple[NDArray[np.bool_], StillEvents] | None:
+def find(stills: list[StillEvents]) -> tuple[NDArray[np.bool_], StillEvents] | None:
     """Pixels that fire ON far more often than all others in the recording with the fewest events, and that recording;
     None without one."""
-    if not quiets:
+    if not stills:
         return None
     stats = optional_module("scipy.stats", "SciPy", "pecs fit", "fit")
-    of = min(quiets, key=lambda q: float(q.on.mean()) / q.seconds)
+    of = min(stills, key=lambda q: float(q.on.mean()) / q.seconds)
     mean = float(np.sort(of.on)[: int(0.97 * of.pixels)].mean())
     hot: NDArray[np.bool_] = of.pixels * stats.poisson.sf(of.on - 1, 1.5 * mean + 0.5) < 0.01
     return hot, of

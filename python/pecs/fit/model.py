@@ -167,7 +167,9 @@ class Model:
             of.lengths_us, of.exact, of.ramps_us,
         )  # fmt: skip
 
-    def quiet(self, of: StillEvents, light_a: float, overrides: Mapping[str, float]) -> tuple[StillEvents, StillEvents]:
+    def still_events(
+        self, of: StillEvents, light_a: float, overrides: Mapping[str, float]
+    ) -> tuple[StillEvents, StillEvents]:
         """Noise alone, in short; leak and background, for minutes without noise. Their events add up."""
         light = light_a * of.level
         noisy = {k: v for k, v in overrides.items() if not k.startswith(("background", "refractory"))}

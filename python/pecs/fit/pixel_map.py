@@ -116,8 +116,8 @@ def _hot(stills: Sequence[Still]) -> list[tuple[int, int, float]] | None:
     """Hot pixels in the darkest recording, of all pixels that have events."""
     if not stills:
         return None
-    quiet, (x, y, width, _) = load_still_everywhere(min(stills, key=lambda s: s.level))
-    found = hot_pixels.find([quiet])
+    still, (x, y, width, _) = load_still_everywhere(min(stills, key=lambda s: s.level))
+    found = hot_pixels.find([still])
     assert found
     numbers = np.flatnonzero(found[0]).tolist()
     rates = hot_pixels.rates_hz(*found).tolist()

@@ -164,7 +164,7 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
         raise _refuse(of.file, f"level {of.level:g}", "a number from 0 on")
     everything, events, place = _load(of.file, region)
     first, last = float(everything["t"][0]), float(everything["t"][-1])
-    return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last)
+    return _still_events(of.file, Path(of.file).name, of.level, events, place, first, last)
 
 
 def load_still_everywhere(of: Still) -> tuple[StillEvents, tuple[int, int, int, int]]:
@@ -173,10 +173,10 @@ def load_still_everywhere(of: Still) -> tuple[StillEvents, tuple[int, int, int, 
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
     place = left, top, right - left + 1, bottom - top + 1
     first, last = float(events["t"][0]), float(events["t"][-1])
-    return _quiet(of.file, Path(of.file).name, of.level, events, place, first, last), place
+    return _still_events(of.file, Path(of.file).name, of.level, events, place, first, last), place
 
 
-def _quiet(
+def _still_events(
     file: str | Path,
     name: str,
     level: float,
@@ -432,7 +432,7 @@ def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[St
     ramps, still = found
     margin_us = 1e6 * stimulus.TOLERANCE_S
     begin, end = still.begin_us + margin_us, still.begin_us + 1e6 * still.section.seconds - margin_us
-    _quiet(of.file, name, still.section.levels[0], events, place, begin, end)
+    _still_events(of.file, name, still.section.levels[0], events, place, begin, end)
     flashes = np.concatenate([np.arange(len(edges))[f.flashes] for f in found])
     screen = _screen(edges[flashes], rises[flashes], events, place)
     return _ramps(of.file, name, ramps.section, events, place, ramps.begin_us), screen

@@ -98,7 +98,7 @@ class Problem:
             values = iter(disk.measured(of, pixels))
             return [(edge, {name: next(values) for name in names}) for edge, names in disk.names(of)]
         if isinstance(of, StillEvents):
-            return [("", statistics.of_quiet(of, pixels))]
+            return [("", statistics.of_still(of, pixels))]
         out = []
         for j, table in enumerate(tables):
             mine = table if pixels is None else table.select(pixels)
@@ -116,7 +116,7 @@ class Problem:
         return [
             model.turning(of, overrides)
             if isinstance(of, DiskEvents)
-            else (model.switches if isinstance(of, StepEvents) else model.quiet)(of, light_a, overrides)  # type: ignore[operator]
+            else (model.switches if isinstance(of, StepEvents) else model.still_events)(of, light_a, overrides)  # type: ignore[operator]
             for of in self.data
         ]
 
@@ -128,7 +128,7 @@ class Problem:
             if isinstance(of, DiskEvents):
                 self.model.focus(of, overrides, share)
 
-    def _quiet_rates(
+    def _still_rates(
         self, noise: StillEvents, rest: StillEvents, pixels: Pixels = None
     ) -> tuple[Floats, Floats, NDArray[Any]]:
         """ON and OFF: rates of noise, and of the rest; numbers of the rest's ON events."""
@@ -138,10 +138,10 @@ class Problem:
         others = [n.reshape(count, -1)[some] for n in (rest.on, rest.off)]
         return of_noise, np.array([n.mean() / rest.seconds for n in others]), others[0]
 
-    def _quiet_statistics(
+    def _still_statistics(
         self, of: StillEvents, noise: StillEvents, rest: StillEvents, pixels: Pixels = None
     ) -> list[float]:
-        of_noise, others, counts = self._quiet_rates(noise, rest, pixels)
+        of_noise, others, counts = self._still_rates(noise, rest, pixels)
         out: list[float] = np.sqrt(of_noise + others).tolist()
         if of.level == 0:  # regular events have less variance
             mean, shot = counts.mean(), of_noise[0] * rest.seconds
@@ -154,7 +154,7 @@ class Problem:
         if isinstance(sim, disk.DiskStatistics):
             return lambda pixels: disk.predicted(of, sim, simulated=pixels)  # type: ignore[arg-type]
         if isinstance(sim, tuple):
-            return lambda pixels: self._quiet_statistics(of, *sim, pixels)  # type: ignore[arg-type]
+            return lambda pixels: self._still_statistics(of, *sim, pixels)  # type: ignore[arg-type]
         tables = statistics.tables(sim) if isinstance(sim, StepEvents) else []
         return lambda pixels: [
             v for _, found in self._of_recording(number, sim, tables, pixels) for v in found.values()
@@ -176,7 +176,7 @@ class Problem:
             if isinstance(sim, disk.DiskStatistics):
                 part += self._light_covariance(of, sim)  # type: ignore[arg-type]
             if isinstance(sim, tuple):
-                of_noise, others, _ = self._quiet_rates(*sim)
+                of_noise, others, _ = self._still_rates(*sim)
                 part[[0, 1], [0, 1]] += (HISTORY * of_noise) ** 2 / 4 / np.maximum(of_noise + others, 1e-6)
             count = self.recording_of.count(number)
             assert part.shape == (count, count), of.name

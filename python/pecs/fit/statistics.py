@@ -139,7 +139,7 @@ def thresholds(ramps: StepEvents) -> dict[str, float]:
     return out | {"threshold_mismatch": float(np.mean(spreads))}
 
 
-def of_quiet(of: StillEvents, pixels: NDArray[Any] | None = None) -> dict[str, float]:
+def of_still(of: StillEvents, pixels: NDArray[Any] | None = None) -> dict[str, float]:
     on, off = (of.on, of.off) if pixels is None else (of.on[pixels], of.off[pixels])
     out = {f"root of the {p} rate, Hz": float(np.sqrt(n.mean() / of.seconds)) for p, n in (("ON", on), ("OFF", off))}
     if of.level == 0:

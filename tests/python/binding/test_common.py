@@ -9,7 +9,7 @@ import time
 
 import pytest
 from pecs import PecsInputError, PecsNotFoundError, PecsOutputError
-from pecs._config import Fields, parse_json, read_json, read_toml
+from pecs._config import Fields, parse_json, read_json
 from pecs._errors import ExitCode, PecsError, bad_input, one_line
 from pecs._files import whole, write_json
 from pecs._platform import die_with_parent
@@ -70,8 +70,8 @@ def test_files(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
     with pytest.raises(PecsOutputError, match="cannot be written"):
         write_json(tmp_path / "new" / "a.json" / "b.json", 1)
-    with pytest.raises(PecsNotFoundError, match="no.toml"):
-        read_toml(tmp_path / "no.toml")
+    with pytest.raises(PecsNotFoundError, match="no.json"):
+        read_json(tmp_path / "no.json")
     with pytest.raises(PecsInputError, match="more than 3 bytes"):
         read_json(tmp_path / "new" / "a.json", max_bytes=3)
 

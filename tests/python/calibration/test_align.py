@@ -1,10 +1,9 @@
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pecs
 import pytest
+from support import pecs_blender
 
 
 def test_noise_is_no_disk(pecs_program, tmp_path):
@@ -64,7 +63,7 @@ def test_align_needs_a_scene_that_fits(pecs_program, root, tmp_path):
 
 
 def disk_events(random, count=40_000, centre=(160, 120), radius=100, span_us=60_000):
-    """Of a disk of four sectors on 320 x 240 pixels, -2000 deg/s, shortly behind their edges."""
+    """Events of a disk of four sectors on 320 x 240 pixels, -2000 deg/s, shortly behind their edges."""
     events = np.zeros(count, pecs.EVENT_DTYPE)
     t, edge = np.sort(random.integers(0, span_us, count)), random.integers(0, 4, count)
     angle = np.radians(90 * edge - 2000e-6 * t + 3 * random.random(count))
@@ -161,21 +160,8 @@ def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_pat
     assert aligned["residual"]["rms_px"] < 0.3
     assert (tmp_path / "overlay.png").read_bytes().startswith(b"\x89PNG")
 
-    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/board", "-o", tmp_path / "stack"]
-    command += [
-        "--set",
-        f"@{tmp_path}/aligned.json",
-        "--frames",
-        "1",
-        "--bands",
-        "1",
-        "--width",
-        "640",
-        "--samples",
-        "4",
-    ]
-    result = subprocess.run([str(c) for c in command], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
+    args = ("--set", f"@{tmp_path}/aligned.json", "--frames", 1, "--bands", 1, "--width", 640, "--samples", 4)
+    pecs_blender("render", root / "scenes/board", "-o", tmp_path / "stack", *args)
     with pecs.StackReader(tmp_path / "stack") as reader:
         picture = reader.read_frame(0).reshape(360, 640)
     drawn = board.light(camera)(0.0)

@@ -149,7 +149,7 @@ def test_the_chip_is_the_run_records(pecs_program, root, inputs):
 
 
 def test_a_chips_name_is_text(pecs_program, root, inputs):
-    """Of a foreign profile: escaped in the page, and without control characters."""
+    """Text of a foreign profile: escaped in the page, and without control characters."""
     profile = json.loads((root / "sensor/chips/imx636.json").read_text())
     name = "<script>alert(2)</script>"
     (inputs / "own.json").write_text(json.dumps(profile | {"name": name}))

@@ -16,9 +16,7 @@ SMALL = ("--bands", 1, "--samples", 1, "--fps", 1000, "--width", 24, "--frames",
 
 @pytest.fixture(scope="module")
 def blend(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run")
-    make_blends("files", folder, "emission")
-    return folder / "emission.blend"
+    return make_blends("files", tmp_path_factory.mktemp("run"), "emission") / "emission.blend"
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ def dsec(exported, outside):
 
 
 def rect_scene(eye, t_us):
-    """Of every pixel of the rectified picture: points of the world, depth along its axis, ids."""
+    """For every pixel of the rectified picture: points of the world, depth along its axis, ids."""
     grid = np.stack([*np.meshgrid(np.arange(W), np.arange(H)), np.ones((H, W))], -1).reshape(-1, 3)
     rays = grid @ np.linalg.inv(eye.K_rect).T @ eye.R_rect
     world, z, ids, _ = eye.look(t_us, rays / rays[:, 2:])

@@ -78,27 +78,9 @@ def test_the_street_as_its_parameters_say(root):
 
 
 def render(root, scene, folder, *args):
-    small = (
-        "--bands",
-        3,
-        "--samples",
-        2,
-        "--lens",
-        "none",
-        "--focal",
-        6,
-        "--film-width",
-        6,
-        "--fps",
-        20,
-        "--frames",
-        2,
-        "--width",
-        64,
-        "--height",
-        36,
-    )
-    pecs_blender("render", root / "scenes" / scene, "-o", folder, *small, "--layers", "depth,motion", *args)
+    small = ("--bands", 3, "--samples", 2, "--lens", "none", "--focal", 6, "--film-width", 6, "--fps", 20)
+    small += ("--frames", 2, "--width", 64, "--height", 36, "--layers", "depth,motion")
+    pecs_blender("render", root / "scenes" / scene, "-o", folder, *small, *args)
     return pecs.StackReader(folder)
 
 

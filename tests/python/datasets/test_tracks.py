@@ -12,7 +12,7 @@ LEFT = small.rig()[0]
 
 
 def directions(pixels, **_setting):
-    """Of pecs' pixels, through the distortion of the left camera."""
+    """Directions of pecs' pixels, through the distortion of the left camera."""
     stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-14)
     xy = cv2.undistortPointsIter((pixels - 0.5).reshape(-1, 1, 2), LEFT.K, LEFT.distortion, None, None, stop)[:, 0]
     return np.concatenate([xy, np.ones((len(xy), 1))], 1)

@@ -202,7 +202,7 @@ def test_mean_speed_is_the_given_one(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", DEGREE)
 def test_keeps_clear(kind, tmp_path):
-    """Of walls, and of a ball that moves, at its own time."""
+    """It keeps clear of walls, and of a ball that moves, at its own time."""
     times = np.linspace(0, 2, 21)
     ball = np.random.default_rng(0).normal(size=(400, 3))
     ball = 0.3 * ball / np.linalg.norm(ball, axis=1, keepdims=True)

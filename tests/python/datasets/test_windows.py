@@ -122,7 +122,7 @@ def test_transform_gets_the_events(sequence):
 
 
 def test_planes_of_a_window(sequence):
-    """Of the window from its begin to its end, wherever its first and last event lie."""
+    """They span the window from its begin to its end, wherever its first and last event lie."""
     planes = {"voxel_grid": {"bins": 5}, "time_surface": {"tau_us": 3000}, "event_histogram": {"bins": 4}}
     item = Windows(sequence, "left", window_us=20_000, **planes)[1]
     t, x, y, p = (item["events"][k].astype(int) for k in "txyp")

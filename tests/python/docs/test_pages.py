@@ -79,7 +79,7 @@ def workplace(tmp_path, monkeypatch):
 
 
 def run_shell(text, options):
-    """What it prints."""
+    """The output of the command."""
     added = lambda match: " ".join(latest(f"{match[1]} {options}".replace("\\\n", " ").split()))  # noqa: E731
     command = RENDER.sub(added, text) if options else text
     done = subprocess.run(["bash", "-euo", "pipefail", "-c", command], capture_output=True, text=True)
@@ -171,7 +171,7 @@ def written_commands(page):
 
 
 def test_options_that_pages_name_exist():
-    """Of commands that are shown and not only of those that run: synopses too."""
+    """For commands that are shown and not only for those that run: synopses too."""
     seen = 0
     for page in pages():
         if page == "CHANGELOG.md":  # past commands

@@ -1,12 +1,11 @@
 """A disk that fills up: one line, exit code 5, and no half a file. Needs root for a small file system of its own."""
 
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pecs
 import pytest
+from support import pecs_blender
 from support.faults import events, fill, random_stack, refused
 
 
@@ -41,18 +40,7 @@ def test_a_video_that_fills_the_disk(pecs_program, small_disk, tmp_path, command
     words = {
         "view": [tmp_path / "e.raw", "-o", small_disk / "v.mp4"],
         "render-preview": [tmp_path / "s", "-o", small_disk / "v.mp4"],
-        "sense": [
-            tmp_path / "s",
-            "-o",
-            tmp_path / "v",
-            "--format",
-            "evt3",
-            "--gain",
-            1e-15,
-            "--view",
-            "--window",
-            "1ms",
-        ],
+        "sense": [tmp_path / "s", "-o", tmp_path / "v", *"--format evt3 --gain 1e-15 --view --window 1ms".split()],
     }[command]
     if command == "sense":
         (tmp_path / "v.mp4").symlink_to(small_disk / "v.mp4")
@@ -62,20 +50,18 @@ def test_a_video_that_fills_the_disk(pecs_program, small_disk, tmp_path, command
 
 
 def test_a_render_asks_for_its_space_first(root, small_disk):
-    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/rotating_disk", "-o", small_disk / "s"]
-    command += ["--lens", "none", "--width", "640", "--bands", "3", "--frames", "10"]
-    result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    args = ("--lens", "none", "--width", 640, "--bands", 3, "--frames", 10)
+    result = pecs_blender("render", root / "scenes/rotating_disk", "-o", small_disk / "s", *args, check=False)
     assert result.returncode == 5 and "disk: got" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1 and not (small_disk / "s").exists()
 
 
 def test_a_continued_render_asks_for_missing_frames_only(root, small_disk):
     """Four frames of 28 kB are there; eight fit only if these four are not counted again."""
-    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/rotating_disk", "-o", small_disk / "s"]
-    command += ["--lens", "none", "--width", "64", "--bands", "3", "--samples", "1", "--fps", "1000", "--frames", "12"]
+    command = ["render", root / "scenes/rotating_disk", "-o", small_disk / "s", "--lens", "none", "--width", 64]
+    command += ["--bands", 3, "--samples", 1, "--fps", 1000, "--frames", 12]
     for part in ("0:4", "0:8"):
-        result = subprocess.run([*map(str, command), "--only", part], capture_output=True, text=True)
-        assert result.returncode == 0, result.stderr
+        pecs_blender(*command, "--only", part)
     assert len(list((small_disk / "s").glob("frame_*.exr"))) == 8
-    result = subprocess.run([*map(str, command), "--seed", "2", "--overwrite"], capture_output=True, text=True)
+    result = pecs_blender(*command, "--seed", 2, "--overwrite", check=False)
     assert result.returncode == 5 and "disk: got" in result.stderr

@@ -206,7 +206,7 @@ def test_three_exports_to_one_folder_lose_nothing(sequence, tmp_path):
 
 @pytest.mark.parametrize(("key", "value"), [("name", "../../../ESCAPED"), ("split", "{tmp}/ESCAPED"), ("split", "..")])
 def test_an_export_stays_in_its_folder(sequence, key, value, tmp_path):
-    """Of every layout: names are checked where sequence.json is read."""
+    """In every layout: names are checked where sequence.json is read."""
     folder = shutil.copytree(sequence.folder, tmp_path / "set/sequences/0000")
     content = json.loads((folder / "sequence.json").read_text()) | {key: value.format(tmp=tmp_path)}
     (folder / "sequence.json").write_text(json.dumps(content))

@@ -21,18 +21,8 @@ COMMON = ("--bands", 3, "--fps", 1000, "--frames", FRAMES, "--samples", 4)
 @pytest.fixture(scope="module")
 def blends(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("adaptive")
-    command = [
-        sys.executable,
-        root / "scripts/bench/motion_scenes.py",
-        folder,
-        "room",
-        "shadow",
-        "mirror",
-        "flicker",
-        "lamps",
-        "still",
-    ]
-    subprocess.run(command, check=True)
+    names = ("room", "shadow", "mirror", "flicker", "lamps", "still")
+    subprocess.run([sys.executable, root / "scripts/bench/motion_scenes.py", folder, *names], check=True)
     return folder
 
 
@@ -287,16 +277,6 @@ def test_the_still_outline_of_what_turns_stays_in_place(root, tmp_path, bench):
 
 
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
-    result = pecs_blender(
-        "render",
-        blends / "room.blend",
-        "-o",
-        tmp_path / "s",
-        *COMMON,
-        "--time",
-        "adaptive",
-        "--moving-px",
-        "0:0:9:9",
-        check=False,
-    )
+    args = (*COMMON, "--time", "adaptive", "--moving-px", "0:0:9:9")
+    result = pecs_blender("render", blends / "room.blend", "-o", tmp_path / "s", *args, check=False)
     assert result.returncode == 2 and "--moving-px" in result.stderr and result.stderr.count("\n") == 1

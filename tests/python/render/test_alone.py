@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from support import growing_pecs_blender, make_blends, pecs_blender
+from support import contents, make_blends, pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -12,10 +12,8 @@ ARGS = ("--frames", 3, "--fps", 1, "--bands", 1, "--layers", "depth,motion", "--
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("alone")
-    make_blends("motion", folder, "rigid")
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("motion", tmp_path_factory.mktemp("alone"), "rigid")
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +22,12 @@ def whole(blends):
     return blends / "s"
 
 
-def files(folder):
-    return {p.name: p.read_bytes() for p in folder.iterdir()}
-
-
 def test_layers_are_as_beside_light(blends, whole, tmp_path):
     names = [f"depth_{i:06d}.exr" for i in range(3)] + [f"motion_{i:06d}.exr" for i in range(2)]
-    assert sorted(files(whole)) == [*names, "stack.json"]
+    assert sorted(contents(whole)) == [*names, "stack.json"]
     assert json.loads((whole / "stack.json").read_text())["light"] is False
     pecs_blender("render", blends / "rigid.blend", "-o", tmp_path / "s", *ARGS[:-1], "--samples", 1)
-    assert {n: b for n, b in files(tmp_path / "s").items() if n in names} == {n: files(whole)[n] for n in names}
+    assert {n: b for n, b in contents(tmp_path / "s").items() if n in names} == {n: contents(whole)[n] for n in names}
 
 
 def test_it_is_read(whole, pecs_program):
@@ -51,20 +45,11 @@ def test_it_is_read(whole, pecs_program):
     assert result.returncode == 0 and "depth" in result.stdout and "motion" in result.stdout
 
 
-def test_a_stopped_job_goes_on(blends, whole, tmp_path):
-    args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *ARGS)
-    result = growing_pecs_blender(*args)
-    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == files(whole)
-    (tmp_path / "s/motion_000001.exr").unlink()
-    result = pecs_blender(*args)
-    assert "2 of 3 exist already" in result.stderr and files(tmp_path / "s") == files(whole)
-
-
 def test_shards_merge(blends, whole, tmp_path):
     for name, only in (("a", "0:2"), ("b", "2:3")):
         pecs_blender("render", blends / "rigid.blend", "-o", tmp_path / name, *ARGS, "--only", only)
     pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "s")
-    assert files(tmp_path / "s") == files(whole)
+    assert contents(tmp_path / "s") == contents(whole)
     (tmp_path / "a/depth_000001.exr").unlink()
     result = pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "x", check=False)
     assert result.returncode == 4 and "depth: instant 1000000000 ns" in result.stderr

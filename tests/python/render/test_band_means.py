@@ -2,11 +2,10 @@
 sums, how many bands a scene gets, and a render of 3 bands against 61."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from support import pecs_blender
 
 pecs = pytest.importorskip("pecs")
 bands = pytest.importorskip("pecs_blender.spectral.bands")
@@ -149,11 +148,9 @@ def rendered(root, tmp_path_factory):
 
     def run(*options):
         out = folder / str(len(list(folder.iterdir())))
-        command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/colorchecker_disk", "-o", out]
-        command += ["--lens", "none", "--focal", "25mm", "--frames", 1, "--width", 80, "--samples", 4]
-        command += ["--set", "rpm=0", "--max-wavelength", "700nm", *options]
-        result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-        assert result.returncode == 0, result.stderr
+        args = ["--lens", "none", "--focal", "25mm", "--frames", 1, "--width", 80, "--samples", 4]
+        args += ["--set", "rpm=0", "--max-wavelength", "700nm", *options]
+        result = pecs_blender("render", root / "scenes/colorchecker_disk", "-o", out, *args)
         with pecs.Chip("imx636") as chip:
             light = chip.photocurrent(out, 0, fnumber=8.0)
         return np.log(light.astype(float)), json.loads((out / "stack.json").read_text()), result.stderr
@@ -177,6 +174,6 @@ def test_one_pass_renders_the_chart(rendered):
 
 
 def test_single_wavelengths_need_a_number(root, tmp_path):
-    command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/rotating_disk", "-o", tmp_path / "s"]
-    result = subprocess.run([*command, "--placement", "gauss"], capture_output=True, text=True)
+    args = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", "--placement", "gauss")
+    result = pecs_blender(*args, check=False)
     assert result.returncode == 2 and "--bands" in result.stderr

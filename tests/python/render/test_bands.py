@@ -2,13 +2,11 @@
 rendered by Cycles."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
+import pecs
 import pytest
-
-pecs = pytest.importorskip("pecs")
+from support import pecs_blender
 
 LAMPS = ("a", "d65", "fl2", "led_b3")
 
@@ -85,12 +83,10 @@ def rendered(root, tmp_path_factory):
 
     def run(lamp, n):
         out = folder / f"{lamp}_{n}"
-        command = [sys.executable, "-m", "pecs_blender", "render", root / "scenes/colorchecker_disk", "-o", out]
-        command += ["--lens", "none", "--focal", 25, "--placement", "gauss", "--bands", n, "--frames", 1]
-        command += ["--width", 80, "--samples", 4]
-        command += ["--set", "rpm=0", "--set", f"lamp_spectrum={lamp}", "--max-wavelength", 700]
-        result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-        assert result.returncode == 0, result.stderr
+        args = ["--lens", "none", "--focal", 25, "--placement", "gauss", "--bands", n, "--frames", 1]
+        args += ["--width", 80, "--samples", 4]
+        args += ["--set", "rpm=0", "--set", f"lamp_spectrum={lamp}", "--max-wavelength", 700]
+        pecs_blender("render", root / "scenes/colorchecker_disk", "-o", out, *args)
         with pecs.StackReader(out) as stack:
             frame, bands = stack.read_frame(0).astype(float), stack.info["bands"]
         nm, weight_nm = (np.array([b[key] for b in bands]) for key in ("lambda_nm", "weight_nm"))

@@ -2,12 +2,9 @@
 
 import hashlib
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from pecs._arguments import latest
 from support import in_bpy, make_blends, pecs_blender, run_support
 from support.blend_files import FILES
 
@@ -15,10 +12,8 @@ NAMES = [make.__name__ for make in FILES]
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("blends")
-    make_blends("files", folder)
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("files", tmp_path_factory.mktemp("blends"))
 
 
 def digests(folder):
@@ -75,18 +70,12 @@ def test_named_spectra_replace_colours(pictures):
     assert seen / seen[2] == pytest.approx(expected / expected[2], rel=0.02)
 
 
-def render(*args):
-    command = [sys.executable, "-m", "pecs_blender", "render", *latest(args)]
-    return subprocess.run(command, capture_output=True, text=True)
-
-
 SMALL = ("--bands", 3, "--frames", 1, "--samples", 1)
 
 
 def test_a_blend_becomes_a_stack(blends, tmp_path):
     before = digests(blends)
-    result = render(blends / "textures.blend", "-o", tmp_path / "s", *SMALL)
-    assert result.returncode == 0, result.stderr
+    pecs_blender("render", blends / "textures.blend", "-o", tmp_path / "s", *SMALL)
     stack = json.loads((tmp_path / "s" / "stack.json").read_text())
     assert (stack["quantity"], stack["width"], stack["height"]) == ("radiance", 48, 32)
     assert stack["render"]["emitters"] == ["d65"]
@@ -98,8 +87,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
     import pecs
 
     common = ("--lens", "cmount_8mm_f2p8", "--stop-diameter", 2, "--focus", 4, *SMALL, "--samples", 16)
-    result = render(blends / "instances.blend", "-o", tmp_path / "s", *common)
-    assert result.returncode == 0, result.stderr
+    pecs_blender("render", blends / "instances.blend", "-o", tmp_path / "s", *common)
     with pecs.StackReader(tmp_path / "s") as reader:
         frame = reader.read_frame(0)
     stack = json.loads((tmp_path / "s" / "stack.json").read_text())
@@ -123,7 +111,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
     ],
 )
 def test_bad_input_is_one_line(blends, tmp_path, name, args, code, says):
-    result = render(blends / f"{name}.blend", "-o", tmp_path / "s", *SMALL, *args)
+    result = pecs_blender("render", blends / f"{name}.blend", "-o", tmp_path / "s", *SMALL, *args, check=False)
     assert result.returncode == code, result.stderr
     assert len(result.stderr.strip().splitlines()) == 1 and says in result.stderr
     assert not list(tmp_path.glob("s/frame_*"))
@@ -133,7 +121,7 @@ def test_a_missing_library_is_one_line(blends, tmp_path):
     library = blends / "groups.blend"
     library.rename(tmp_path / "moved.blend")
     try:
-        result = render(blends / "linked.blend", "-o", tmp_path / "s", *SMALL)
+        result = pecs_blender("render", blends / "linked.blend", "-o", tmp_path / "s", *SMALL, check=False)
     finally:
         (tmp_path / "moved.blend").rename(library)
     assert result.returncode == 3 and "groups.blend" in result.stderr, result.stderr
@@ -142,18 +130,18 @@ def test_a_missing_library_is_one_line(blends, tmp_path):
 
 def test_no_blend_at_all(tmp_path):
     (tmp_path / "x.blend").write_text("BLENDER?")
-    result = render(tmp_path / "x.blend", "-o", tmp_path / "s", *SMALL)
+    result = pecs_blender("render", tmp_path / "x.blend", "-o", tmp_path / "s", *SMALL, check=False)
     assert result.returncode == 4, result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
 
 
 def test_a_python_driver_runs_when_asked(blends, tmp_path):
-    result = render(blends / "python_driver.blend", "-o", tmp_path / "s", *SMALL, "--allow-scripts")
-    assert result.returncode == 0, result.stderr
+    pecs_blender("render", blends / "python_driver.blend", "-o", tmp_path / "s", *SMALL, "--allow-scripts")
 
 
 def test_a_scene_whose_name_is_a_path(blends, tmp_path):
-    result = render(blends / "world.blend", "-o", tmp_path / "s", *SMALL, "--scene-name", "../other/scene")
+    args = (blends / "world.blend", "-o", tmp_path / "s", *SMALL, "--scene-name", "../other/scene")
+    result = pecs_blender("render", *args, check=False)
     assert result.returncode == 4 and "camera" in result.stderr  # found, and it has none
     assert len(result.stderr.strip().splitlines()) == 1
 

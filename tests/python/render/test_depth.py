@@ -14,11 +14,8 @@ COMMON = ("--bands", 1, "--frames", 1, "--samples", 1)
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("depth")
-    names = ("measured", "centimetres")
-    make_blends("files", folder, *names)
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("files", tmp_path_factory.mktemp("depth"), "measured", "centimetres")
 
 
 def layers(folder):

@@ -1,101 +1,83 @@
 """Long jobs: killed, restarted, rendered in shards, they become the stack of one run, byte for byte."""
 
+import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import time
 
+import numpy as np
+import pecs
 import pytest
 from pecs._arguments import latest
 from pecs_blender.output import Output
-from support import growing_pecs_blender
+from support import contents, growing_pecs_blender, in_bpy, pecs_blender
 from support.small_stacks import stack_json
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
 
 
-def command(root, scene, output, *args):
-    words = ("-m", "pecs_blender", "render", root / "scenes" / scene, "-o", output, *args)
-    return [sys.executable, *latest(words)]
-
-
-def run(*words, check=True):
-    result = subprocess.run([str(w) for w in words], capture_output=True, text=True)
-    assert not check or result.returncode == 0, result.stderr
-    return result
-
-
-def files(folder):
-    return {p.name: p.read_bytes() for p in folder.iterdir()}
+def run(root, scene, output, *args, check=True):
+    return pecs_blender("render", root / "scenes" / scene, "-o", output, *args, check=check)
 
 
 @pytest.fixture(scope="module")
 def whole(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "s"
-    run(*command(root, "rotating_disk", folder, *SMALL, "--frames", 6))
+    run(root, "rotating_disk", folder, *SMALL, "--frames", 6)
     return folder
 
 
 def test_a_moving_part_is_rendered_as_in_the_whole(root, tmp_path):
     """Through a lens, bit for bit; elsewhere stays what the scene was at t = 0."""
-    import numpy as np
-    import pecs
-
     args = (*SMALL[:-2], "--frames", "3:4", "--fps", 100)
-    run(*command(root, "rotating_disk", tmp_path / "whole", *args))
-    run(*command(root, "rotating_disk", tmp_path / "part", *args, "--moving-px", "20:3:41:30"))
-    run(*command(root, "rotating_disk", tmp_path / "start", *args, "--frames", 1))
+    run(root, "rotating_disk", tmp_path / "whole", *args)
+    run(root, "rotating_disk", tmp_path / "part", *args, "--moving-px", "20:3:41:30")
+    run(root, "rotating_disk", tmp_path / "start", *args, "--frames", 1)
     whole, part, start = (pecs.StackReader(tmp_path / n).read_frame(0) for n in ("whole", "part", "start"))
     inside = np.zeros(whole.shape, bool)
     inside[:, 3:30, 20:41] = True
     assert (part[inside] == whole[inside]).all() and (part[~inside] == start[~inside]).all()
     assert not (whole[~inside] == start[~inside]).all()
-    result = run(*command(root, "rotating_disk", tmp_path / "x", *args, "--moving-px", "20:3:80:30"), check=False)
+    result = run(root, "rotating_disk", tmp_path / "x", *args, "--moving-px", "20:3:80:30", check=False)
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
-
-
-def merge(shards, output, check=True):
-    return run(sys.executable, "-m", "pecs_blender", "merge", *shards, "-o", output, check=check)
 
 
 def test_shards_of_instants_merge_to_one_run(root, whole, tmp_path):
     for name, frames in (("a", "0:2"), ("b", "2:6")):
-        run(*command(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", frames))
-    merge([tmp_path / "b", tmp_path / "a"], tmp_path / "s")
-    assert files(tmp_path / "s") == files(whole)
+        run(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", frames)
+    pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "s")
+    assert contents(tmp_path / "s") == contents(whole)
 
 
 def test_shards_of_a_plan_merge_to_one_run(root, whole, tmp_path):
     for name, frames in (("a", "0:3"), ("b", "3:6")):
-        run(*command(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", 6, "--only", frames))
-        assert len(files(tmp_path / name)) == 4
-    result = merge([tmp_path / "a"], tmp_path / "s", check=False)
+        run(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", 6, "--only", frames)
+        assert len(contents(tmp_path / name)) == 4
+    result = pecs_blender("merge", tmp_path / "a", "-o", tmp_path / "s", check=False)
     assert result.returncode == 4 and "3 frames missing" in result.stderr
-    merge([tmp_path / "a", tmp_path / "b"], tmp_path / "s")
-    assert files(tmp_path / "s") == files(whole)
+    pecs_blender("merge", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "s")
+    assert contents(tmp_path / "s") == contents(whole)
 
 
 def test_strange_shards_do_not_merge(root, whole, tmp_path):
-    run(*command(root, "rotating_disk", tmp_path / "a", *SMALL, "--frames", "6:7", "--seed", 2))
-    result = merge([whole, tmp_path / "a"], tmp_path / "s", check=False)
+    run(root, "rotating_disk", tmp_path / "a", *SMALL, "--frames", "6:7", "--seed", 2)
+    result = pecs_blender("merge", whole, tmp_path / "a", "-o", tmp_path / "s", check=False)
     assert result.returncode == 4 and len(result.stderr.strip().splitlines()) == 1
-    result = merge([whole, tmp_path / "nothing"], tmp_path / "s", check=False)
+    result = pecs_blender("merge", whole, tmp_path / "nothing", "-o", tmp_path / "s", check=False)
     assert result.returncode == 3 and len(result.stderr.strip().splitlines()) == 1
 
 
 def test_a_process_that_grows_restarts(root, whole, tmp_path):
     words = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *SMALL, "--frames", 6)
     assert "1 of 6 exist already" in growing_pecs_blender(*words).stderr
-    assert files(tmp_path / "s") == files(whole)
+    assert contents(tmp_path / "s") == contents(whole)
 
 
 def test_frames_stay_locked_while_their_process_reads_the_stack(whole, tmp_path):
     """A lock that a reader's close() of stack.json would end lets a second process write the same frames."""
-    import json
-    import shutil
-
-    import pecs
 
     folder = shutil.copytree(whole, tmp_path / "s")
     stack = json.loads((folder / "stack.json").read_text())
@@ -110,35 +92,33 @@ Output(folder, json.loads((folder / "stack.json").read_text()), slice(2, 3), sys
         with pecs.StackReader(folder) as reader:
             reader.read_layer("light", 0)
         for exists in ("continue", "overwrite"):
-            second = run(sys.executable, "-c", body, folder, exists, check=False)
+            second = in_bpy(body, folder, exists, check=False)
             assert "another process renders these frames" in second.stderr, exists
-    run(sys.executable, "-c", body, folder, "continue")
-    assert files(folder) == files(whole)
+    in_bpy(body, folder, "continue")
+    assert contents(folder) == contents(whole)
 
 
 def test_kill_9_at_any_moment(root, whole, tmp_path):
     random.seed(6)
+    words = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *SMALL, "--frames", 6)
+    command = [sys.executable, "-m", "pecs_blender", *latest(words)]
     for _ in range(3):
-        process = subprocess.Popen(
-            command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6), stderr=subprocess.DEVNULL
-        )
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
         time.sleep(random.uniform(0.5, 3))
         process.send_signal(signal.SIGKILL)
         process.wait()
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "s").glob("frame_*.exr")}
-    run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6))
-    assert files(tmp_path / "s") == files(whole) and all(p.stat().st_mtime_ns == ns for p, ns in before.items())
+    run(root, "rotating_disk", tmp_path / "s", *SMALL, "--frames", 6)
+    assert contents(tmp_path / "s") == contents(whole) and all(p.stat().st_mtime_ns == ns for p, ns in before.items())
 
 
 def test_every_scene_renders(root, tmp_path):
     """A folder in scenes/ is a scene: a frame, still where nothing moves, and a README."""
-    import pecs
-
     scenes = sorted(p.parent.name for p in (root / "scenes").glob("*/scene.json"))
     assert len(scenes) >= 4
     for scene in scenes:
         assert (root / "scenes" / scene / "README.md").is_file()
-        run(*command(root, scene, tmp_path / scene, *SMALL, "--bands", 4, "--frames", 2, "--fps", 500))
+        run(root, scene, tmp_path / scene, *SMALL, "--bands", 4, "--frames", 2, "--fps", 500)
         with pecs.StackReader(tmp_path / scene) as stack:
             first, second = stack.read_frame(0), stack.read_frame(1)
         assert first.min() >= 0 and first.mean() > 0
@@ -151,15 +131,12 @@ def test_every_scene_renders(root, tmp_path):
 
 def test_a_light_tree_takes_the_lamps_that_matter(root, tmp_path):
     """The same light with less noise, by two seeds each."""
-    import numpy as np
-    import pecs
-
     noise, mean = [], []
     for more in ((), ("--light-tree",)):
         pair = []
         for seed in (1, 7):
             folder = tmp_path / f"{seed}{len(more)}"
-            run(*command(root, "room", folder, *SMALL, "--samples", 4, "--frames", 1, "--seed", seed, *more))
+            run(root, "room", folder, *SMALL, "--samples", 4, "--frames", 1, "--seed", seed, *more)
             with pecs.StackReader(folder) as stack:
                 pair.append(stack.read_frame(0)[:2].astype(float))
         a, b = pair
@@ -171,10 +148,6 @@ def test_a_light_tree_takes_the_lamps_that_matter(root, tmp_path):
 
 def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
     """Light in one band of a pair at a time: the photocurrents that `pecs sense` reports are as the weights."""
-    import json
-
-    import numpy as np
-    import pecs
 
     bands = [{"lambda_nm": 450.0, "weight_nm": 30.0}, {"lambda_nm": 850.0, "weight_nm": 50.0}]
     currents = []
@@ -193,5 +166,5 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
 
 
 def test_a_device_that_is_not_there_is_one_line(root, tmp_path):
-    result = run(*command(root, "rotating_disk", tmp_path / "s", *SMALL, "--device", "METAL"), check=False)
+    result = run(root, "rotating_disk", tmp_path / "s", *SMALL, "--device", "METAL", check=False)
     assert result.returncode == 6 and len(result.stderr.strip().splitlines()) == 1

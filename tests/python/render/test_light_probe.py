@@ -155,8 +155,8 @@ def test_lux_sets_the_light(scenes, tmp_path, pecs_program):
 
 
 def test_noise_is_that_of_a_render(scenes, tmp_path):
-    """Of the median pixel, from renders with two seeds; from 16 samples on it falls with their root, before it
-    falls faster, and is measured."""
+    """The noise of the median pixel, from renders with two seeds; from 16 samples on it falls with their root, before
+    it falls faster, and is measured."""
     found = light(scenes / "noisy.blend", "--samples", 16)
     small = ("--width", 32, "--height", 24, "--samples", 16, "--frames", 1, "--lens", "none", "--bands", 3)
     chip, seen = pecs.Chip("imx636"), []

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from support import growing_pecs_blender, make_blends, pecs_blender
+from support import contents, growing_pecs_blender, make_blends, pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -31,10 +31,8 @@ LENS_NAME = "cmount_8mm_f2p8"
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("motion")
-    make_blends("motion", folder)
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("motion", tmp_path_factory.mktemp("motion"))
 
 
 def render(blends, name, *args, frames=2):
@@ -89,7 +87,7 @@ def test_through_a_lens(blends):
 
 
 def test_through_a_lens_with_distortion(blends):
-    """Of 5 % in the corners."""
+    """A distortion of 5 % in the corners."""
     args = ("--lens", "fisheye_10mm_f4_muller", "--focus", 4, "--fnumber", 8, "--chip", "davis346", "--samples", 16)
     folder = render(blends, "rigid", *args)
     for way, times in zip(motion(folder), ((0, 1), (1, 0)), strict=True):
@@ -116,7 +114,7 @@ def test_a_camera_that_travels(blends):
 
 
 def test_markers_change_the_camera(blends):
-    """Of a lens, too, and of what is seen; the samples are those of the command line."""
+    """The lens and the view change, too; the samples are those of the command line."""
     args = ("--lens", LENS_NAME, "--focus", 4, "--fnumber", 4, "--film-shift", 0.3, -0.2, "--samples", 16)
     changes, stays = (render(blends, name, *args, frames=3) for name in ("cut", "uncut"))
     for light, same in (("frame_000000.exr", False), ("frame_000001.exr", True), ("frame_000002.exr", True)):
@@ -127,7 +125,7 @@ def test_markers_change_the_camera(blends):
 
 
 def test_every_instance_goes_its_own_way(blends):
-    """Of a collection, of one mesh, and made by geometry nodes."""
+    """Instances of a collection, of one mesh, and made by geometry nodes."""
     there, back = motion(render(blends, "instances"))
     by_square = {}  # where its centre is at t = 0 -> where at t = 1 (x, y ahead, z)
     for i in range(3):
@@ -175,16 +173,12 @@ def test_meshes_that_deform(blends):
         assert moving.sum() > 300 and np.isfinite(way[:, moving]).all()
 
 
-def files(folder):
-    return {p.name: p.read_bytes() for p in folder.iterdir()}
-
-
 def test_light_is_the_same_beside_motion(blends, tmp_path):
     for name in ("deforming", "instances"):
         beside = render(blends, name, frames=3)
         pecs_blender("render", blends / f"{name}.blend", "-o", tmp_path / name, *COMMON, "--frames", 3)
-        alone = {n: b for n, b in files(tmp_path / name).items() if n.startswith("frame")}
-        assert len(alone) == 3 and alone.items() <= files(beside).items()
+        alone = {n: b for n, b in contents(tmp_path / name).items() if n.startswith("frame")}
+        assert len(alone) == 3 and alone.items() <= contents(beside).items()
 
 
 def test_a_scene_folders_light_is_the_same_beside_motion(root, tmp_path):
@@ -205,7 +199,7 @@ def test_shards_of_a_plan_have_all_intervals(blends, tmp_path):
     names = [sorted(p.name for p in (tmp_path / n).glob("motion*")) for n in "ab"]
     assert names == [["motion_000000.exr", "motion_000001.exr"], ["motion_000002.exr"]]
     pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "merged")
-    assert files(tmp_path / "merged") == files(whole)
+    assert contents(tmp_path / "merged") == contents(whole)
 
     for name, frames in (("c", "0:2"), ("d", "2:4"), ("e", "1:3")):  # of instants: one interval lies between
         pecs_blender(*args, "-o", tmp_path / name, "--frames", frames)
@@ -213,20 +207,20 @@ def test_shards_of_a_plan_have_all_intervals(blends, tmp_path):
     assert result.returncode == 4 and "motion: interval 1000000000 to 2000000000 ns" in result.stderr
     assert len(result.stderr.splitlines()) == 1
     pecs_blender("merge", *(tmp_path / n for n in "cde"), "-o", tmp_path / "y")  # e has it
-    assert files(tmp_path / "y") == files(whole)
+    assert contents(tmp_path / "y") == contents(whole)
 
 
 def test_a_stopped_job_goes_on(blends, tmp_path):
     """After a restart, and where files are missing."""
-    whole = files(render(blends, "rigid", frames=3))
+    whole = contents(render(blends, "rigid", frames=3))
     args = ("render", blends / "rigid.blend", "-o", tmp_path / "s", *COMMON, "--frames", 3, "--layers", "motion")
     result = growing_pecs_blender(*args)
-    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == whole
+    assert "1 of 3 exist already" in result.stderr and contents(tmp_path / "s") == whole
     (tmp_path / "s/motion_000001.exr").unlink()
     (tmp_path / "s/motion_000000.exr").write_bytes(whole["motion_000000.exr"][:-9])
     before = (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns
     result = pecs_blender(*args)
-    assert "1 of 3 exist already" in result.stderr and files(tmp_path / "s") == whole
+    assert "1 of 3 exist already" in result.stderr and contents(tmp_path / "s") == whole
     assert (tmp_path / "s/frame_000001.exr").stat().st_mtime_ns == before
 
 
@@ -286,5 +280,5 @@ def test_a_baked_rigid_body(blends, tmp_path):
         falls.append(moving[7].mean())
     assert np.diff(falls) == pytest.approx(9.81 / 24**2 * WIDTH / 4, rel=0.01)
     pecs_blender("render", blends / "falling.blend", "-o", tmp_path / "s", *COMMON, *args, "--frames", 5)
-    alone = {n: b for n, b in files(tmp_path / "s").items() if n.startswith("frame")}
-    assert len(alone) == 5 and alone.items() <= files(folder).items()
+    alone = {n: b for n, b in contents(tmp_path / "s").items() if n.startswith("frame")}
+    assert len(alone) == 5 and alone.items() <= contents(folder).items()

@@ -16,11 +16,9 @@ CAMERA_FROM_WORLD = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("normal")
-    make_blends("things", folder, "centimetres")
-    make_blends("motion", folder, "holes")
-    return folder
+def blends(tmp_path_factory):
+    folder = make_blends("things", tmp_path_factory.mktemp("normal"), "centimetres")
+    return make_blends("motion", folder, "holes")
 
 
 @pytest.mark.parametrize("lens", [(), LENS])

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from support import growing_pecs_blender, make_blends, pecs_blender, run_support
+from support import contents, growing_pecs_blender, make_blends, pecs_blender, run_support
 
 pecs = pytest.importorskip("pecs")
 
@@ -18,10 +18,8 @@ FISHEYE = ("--lens", "fisheye_10mm_f4_muller", "--focus", 4, "--fnumber", 8, "--
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("things")
-    make_blends("things", folder)
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("things", tmp_path_factory.mktemp("things"))
 
 
 @pytest.fixture(scope="module")
@@ -228,30 +226,26 @@ def test_numbers_are_the_cameras_and_the_plans(blends, whole, tmp_path):
     assert numbers[0] == numbers[1]
 
 
-def files(folder):
-    return {p.name: p.read_bytes() for p in folder.iterdir()}
-
-
 def test_a_stopped_job_goes_on(blends, whole, tmp_path):
     args = ("render", blends / "things.blend", "-o", tmp_path / "s", *ARGS)
     pecs_blender(*args, "--only", "0:1")
     assert not (tmp_path / "s/objects.json").exists()
     (tmp_path / "s/objects_000000.exr").unlink()
     growing_pecs_blender(*args)
-    assert files(tmp_path / "s") == files(whole)
+    assert contents(tmp_path / "s") == contents(whole)
     (tmp_path / "s/objects_000001.json").unlink()
     (tmp_path / "s/objects.json").unlink()
     assert "1 of 2 exist already" in pecs_blender(*args).stderr
-    assert files(tmp_path / "s") == files(whole)
+    assert contents(tmp_path / "s") == contents(whole)
     pecs_blender("render", blends / "things.blend", "-o", tmp_path / "s", *ARGS[:-1], "depth", "--overwrite")
-    assert not [name for name in files(tmp_path / "s") if name.startswith("objects")]
+    assert not [name for name in contents(tmp_path / "s") if name.startswith("objects")]
 
 
 def test_shards_merge(blends, whole, tmp_path):
     for name, only in (("a", "0:1"), ("b", "1:2")):
         pecs_blender("render", blends / "things.blend", "-o", tmp_path / name, *ARGS, "--only", only)
     pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "s")
-    assert files(tmp_path / "s") == files(whole)
+    assert contents(tmp_path / "s") == contents(whole)
     (tmp_path / "a/objects_000000.json").unlink()
     result = pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "x", check=False)
     assert result.returncode == 4 and "objects: instant 0 ns" in result.stderr

@@ -21,10 +21,8 @@ TURNS = Rotation.from_euler("zxy", [[0, 0, 0], [2, 1, 4], [-3, 2, 8], [1, 0, -5]
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("path")
-    make_blends("motion", folder, "led", "centimetres")
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("motion", tmp_path_factory.mktemp("path"), "led", "centimetres")
 
 
 def write(path, times, positions, turns):

@@ -2,12 +2,11 @@
 its own process, as users run it."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
+import pecs
 import pytest
-from pecs._arguments import latest
+from support import pecs_blender
 
 SCENE = "scenes/rotating_disk"
 
@@ -15,17 +14,12 @@ SCENE = "scenes/rotating_disk"
 @pytest.fixture(scope="module")
 def render(root):
     def run(output, *args, check=True):
-        command = [sys.executable, "-m", "pecs_blender", "render", root / SCENE, "-o", output, *latest(args)]
-        result = subprocess.run(command, capture_output=True, text=True)
-        assert not check or result.returncode == 0, result.stderr
-        return result
+        return pecs_blender("render", root / SCENE, "-o", output, *args, check=check)
 
     return run
 
 
 def frames(folder):
-    import pecs
-
     stack = json.loads((folder / "stack.json").read_text())
     with pecs.StackReader(folder) as reader:
         return stack, np.array([reader.read_frame(i) for i in range(len(stack["times_ns"]))])

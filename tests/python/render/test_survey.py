@@ -10,11 +10,8 @@ SPACING_M = 0.05
 
 
 @pytest.fixture(scope="module")
-def blends(root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("survey")
-    names = ("things", "centimetres", "bad_class")
-    make_blends("things", folder, *names)
-    return folder
+def blends(tmp_path_factory):
+    return make_blends("things", tmp_path_factory.mktemp("survey"), "things", "centimetres", "bad_class")
 
 
 def survey(scene, output, *args):

@@ -157,16 +157,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     assert result["t_last_us"] == pytest.approx(N * 2000, rel=0.2)  # the file's own 500 frames/s
     # With --view, without a display: the events, and a video of them.
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    live = [
-        tmp_path / "v.avi",
-        "-o",
-        tmp_path / "live.csv",
-        "--chip",
-        "ideal",
-        "--view",
-        "--window",
-        4000,
-    ]
+    live = [tmp_path / "v.avi", "-o", tmp_path / "live.csv", "--chip", "ideal", "--view", "--window", 4000]
     for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
         done = pecs_program("sense", *live, env=env | display)
         assert done.returncode == 0, done.stderr

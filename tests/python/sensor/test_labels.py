@@ -28,7 +28,7 @@ def test_ids_are_not_blended_and_the_nearer_hides():
     assert set(np.unique(found)) == {2000, 3000, 7000}
     assert found[26, 22] == 2000 and first[26, 22] == 7000  # uncovered: the second plane's
     assert found[26, 47] == 3000 and second[26, 47] == 7000  # not yet covered: the first one's
-    # What neither can tell is what both have there, or 0.
+    # Unknown motion: the id that both have there, or 0.
     nan = np.full((20, H, W), np.nan)
     unknown = pecs.carry_labels(first, second, nan, 0.5)
     assert np.array_equal(unknown, np.where(first == second, first, 0)) and (unknown == 0).sum() > 100
@@ -112,7 +112,7 @@ def test_time_counts_from_the_first_instant(tmp_path):
 
 
 def test_subpixels(tmp_path):
-    """Of four files' pixels the one in the middle."""
+    """The middle of an event's pixel lies in one of four pixels of the files."""
     scene = Rectangle(drift=(0.0, 0.0), step=(0.0, 0.0))
     truth = write_truth(tmp_path / "truth", scene, 1, light=False, subpixels=2)
     y, x = np.mgrid[: H // 2, : W // 2].reshape(2, -1)

@@ -113,7 +113,7 @@ def test_a_pixel_map_sets_rates_and_hot_pixels(with_map):
 
 
 def test_a_sample_of_noise_rates_is_drawn_from(with_map):
-    """Of a map without region every pixel draws one entry: here half of the pixels are silent."""
+    """Every pixel draws one entry of a map without region: here half of the pixels are silent."""
     chip = with_map(background_on_hz=[0, 40], background_off_hz=[0, 0])
     e = pecs.simulate(np.full((11, 40, 50), 0.5, np.float32), np.arange(11) * 1e5, chip=chip, readout="ideal")
     silent = 2000 - len(np.unique(e["y"].astype(int) * 50 + e["x"]))

@@ -74,7 +74,7 @@ def sensed_with_noise(folder, lights, noises, motion, **options):
 
 
 def share_alone(events, others, window_us):
-    """Of the events, those without a partner within the window."""
+    """The events without a partner within the window."""
     return 1 - len(partners(events, others, window_us)[0]) / len(events)
 
 

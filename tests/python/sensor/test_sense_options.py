@@ -54,19 +54,7 @@ REFUSED = {
     "dropped": (["--dropped", "x.npy"], "no stage drops events"),
 }
 # Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = {
-    "render-noise",
-    "help",
-    "output",
-    "format",
-    "labels",
-    "frames",
-    "threads",
-    "json",
-    "quiet",
-    "verbose",
-    "view",
-}
+ELSEWHERE = set("render-noise help output format labels frames threads json quiet verbose view".split())
 
 
 def test_every_option_is_in_one_of_the_tables(pecs_program):

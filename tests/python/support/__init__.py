@@ -50,8 +50,13 @@ def run_support(name, *args):
 
 
 def make_blends(kind, folder, *names):
-    """Writes all or the named .blend files of support/blend_KIND.py to `folder`."""
+    """Writes all or the named .blend files of support/blend_KIND.py to `folder`, and returns it."""
     run_support(f"blend_{kind}", folder, *names)
+    return folder
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 BODY = """

@@ -1,16 +1,14 @@
 """Runs inside an interpreter with bpy, apart from pytest's: `python lens_render.py JOB.json OUT.npz`.
 
 A job: {"osl": source, a list of sources (then `image` has one more axis) or null (then the built-in perspective camera,
-"hfov_deg"), "scene": "white" | "empty" |
-"corner" | "dots" | "lit", "width", "height", "samples", "seed", "threads"}. OUT.npz holds `image`,
-linear RGB as float32, row 0 at the bottom.
+"hfov_deg"), "scene": "white" | "corner" | "dots", "width", "height", "samples", "seed"}. OUT.npz holds `image`, linear
+RGB as float32, row 0 at the bottom.
 """
 
 import json
 import math
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import bpy
@@ -66,15 +64,6 @@ def build(scene, job):
         ):
             bpy.ops.mesh.primitive_plane_add(size=size, location=(x, y, -distance))
             bpy.context.object.data.materials.append(emission(name, colour, 1.0))
-    if job["scene"] == "lit":  # grey balls before a grey wall, under a small lamp
-        grey = bpy.data.materials.new("grey")  # a diffuse one
-        bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 0, -3))
-        bpy.context.object.data.materials.append(grey)
-        for i in range(-3, 4):
-            bpy.ops.mesh.primitive_uv_sphere_add(radius=0.12, location=(0.27 * i, 0.06 * i, -2))
-            bpy.context.object.data.materials.append(grey)
-        bpy.ops.object.light_add(type="AREA", location=(0.5, 1.5, -1), rotation=(-0.9, 0.2, 0))
-        bpy.context.object.data.energy, bpy.context.object.data.size = 30, 0.5
     if job["scene"] == "dots":  # discs at [x, y, distance], facing the camera
         white = emission("dot", (1, 1, 1), 1.0)
         bpy.ops.mesh.primitive_circle_add(vertices=48, radius=job["dot_radius"], fill_type="NGON")
@@ -95,20 +84,13 @@ def main(job_path, out_path):
     scene.render.resolution_x, scene.render.resolution_y = job["width"], job["height"]
     scene.render.resolution_percentage = 100
     c = scene.cycles
-    c.device, c.samples, c.seed, c.use_adaptive_sampling, c.use_denoising = (
-        "CPU",
-        job["samples"],
-        job.get("seed", 1),
-        False,
-        False,
-    )
+    c.device, c.samples, c.seed = "CPU", job["samples"], job.get("seed", 1)
+    c.use_adaptive_sampling = c.use_denoising = False
     c.pixel_filter_type, c.filter_width = "BOX", 1.0
-    if job.get("threads"):
-        scene.render.threads_mode, scene.render.threads = "FIXED", job["threads"]
     scene.view_settings.view_transform = "Raw"
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     sources = job["osl"] if isinstance(job["osl"], list) else [job["osl"]]
-    images, seconds = [], 0.0
+    images = []
     with tempfile.TemporaryDirectory() as temp:
         build(scene, job)
         for k, source in enumerate(sources):
@@ -116,16 +98,14 @@ def main(job_path, out_path):
             folder.mkdir()
             set_camera(scene, source, job, folder)
             scene.render.filepath = str(folder / "image.exr")
-            start = time.perf_counter()
             bpy.ops.render.render(write_still=True)
-            seconds += time.perf_counter() - start
             image = bpy.data.images.load(scene.render.filepath)
             image.colorspace_settings.name = "Non-Color"
             pixels = np.empty(job["width"] * job["height"] * image.channels, np.float32)
             image.pixels.foreach_get(pixels)
             images.append(pixels.reshape(job["height"], job["width"], -1)[..., :3])
     image = np.array(images) if isinstance(job["osl"], list) else images[0]
-    np.savez(out_path, image=image, seconds=seconds, blender=bpy.app.version_string)
+    np.savez(out_path, image=image)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ class Pinhole:
 
 
 class LensCamera:
-    """Of a stack."""
+    """The lens of a stack."""
 
     def __init__(self, folder):
         stack = json.loads((folder / "stack.json").read_text())
