@@ -30,8 +30,10 @@ def pecs_program():
     program = next((c for c in candidates if c.is_file()), None)
     assert program, "build/release/bin/pecs is missing: scripts/setup.sh builds it"
 
-    def run(*args, **kwargs):
-        return subprocess.run([program, *map(str, args)], capture_output=True, text=True, **kwargs)
+    def run(*args, check=False, **kwargs):
+        result = subprocess.run([program, *map(str, args)], capture_output=True, text=True, **kwargs)
+        assert not check or result.returncode == 0, result.stderr
+        return result
 
     return run
 

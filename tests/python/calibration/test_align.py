@@ -85,8 +85,7 @@ def test_a_clock_that_wraps_changes_nothing(pecs_program, tmp_path):
     events["t"] = (events["t"] + 2**24 - 30_000) % 2**24
     rows = "".join(f"{e['t']},{e['x']},{e['y']},{e['p']}\n" for e in events)
     (tmp_path / "wraps.csv").write_text("t_us,x,y,p\n" + rows)
-    wraps = pecs_program("align", "detect", "wraps.csv", "--json", cwd=tmp_path)
-    assert wraps.returncode == 0, wraps.stderr
+    wraps = pecs_program("align", "detect", "wraps.csv", "--json", cwd=tmp_path, check=True)
     assert "the timestamps wrap after 16777216 us" in wraps.stderr
     found = json.loads(wraps.stdout)
     assert found["speed_deg_s"]["value"] == pytest.approx(plain["speed_deg_s"]["value"], rel=1e-3)
@@ -130,8 +129,9 @@ def test_a_simulation_of_another_size_is_refused(pecs_program, root, tmp_path):
 
 
 def test_the_real_recording(pecs_program, shared, tmp_path):
-    result = pecs_program("align", "detect", shared / "data/real/R_360_L.hdf5", "-o", tmp_path / "found.png", "--json")
-    assert result.returncode == 0, result.stderr
+    result = pecs_program(
+        "align", "detect", shared / "data/real/R_360_L.hdf5", "-o", tmp_path / "found.png", "--json", check=True
+    )
     disk = json.loads(result.stdout)
     assert abs(disk["speed_deg_s"]["value"] - 2098) < 5
     assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
@@ -150,11 +150,11 @@ def test_an_aligned_scene_is_rendered_as_it_was_seen(pecs_program, root, tmp_pat
     board = lab.Board(turn, tuple(start), tuple(velocity), plate_mm=(419 - 4 * 41.7) / 2)
     (events,) = lab.record(board.light(camera), np.arange(0, 0.0402, 5e-4), size, [1], 1e-11)
     pecs.write(tmp_path / "real.raw", events, *size)
-    result = pecs_program(
+    pecs_program(
         "align", "real.raw", "--scene", root / "scenes/board", "--pixel-pitch", 9.72, "--views", 4,
         "-o", "aligned.json", "--picture", "overlay.png", cwd=tmp_path,
+        check=True,
     )  # fmt: skip
-    assert result.returncode == 0, result.stderr
     aligned = json.loads((tmp_path / "aligned.json").read_text())
     assert abs(aligned["parameters"]["speed_m_per_s"] - 0.9) < 0.01
     assert aligned["residual"]["rms_px"] < 0.3

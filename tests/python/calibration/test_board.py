@@ -14,8 +14,7 @@ def drawn(pecs_program, tmp_path, *args):
     svg, png = tmp_path / "x.svg", tmp_path / "x.png"
     assert pecs_program("board", *args, "-o", svg).returncode == 0
     size = tuple(float(v) for v in re.search(r'width="([\d.]+)mm" height="([\d.]+)mm"', svg.read_text()).groups())
-    result = pecs_program("board", *args, "-o", png, "--width", round(size[0] * PX_PER_MM))
-    assert result.returncode == 0, result.stderr
+    pecs_program("board", *args, "-o", png, "--width", round(size[0] * PX_PER_MM), check=True)
     return cv2.imread(str(png), cv2.IMREAD_GRAYSCALE), size
 
 

@@ -42,8 +42,7 @@ def test_program_says_the_same(pecs_program, tmp_path):
     names = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for name, s in zip(names, streams, strict=True):
         pecs.write(name, s)
-    result = pecs_program("compare", *names, "--normalisation", "eq16", "--json")
-    assert result.returncode == 0, result.stderr
+    result = pecs_program("compare", *names, "--normalisation", "eq16", "--json", check=True)
     ours = pecs.compare(*streams, width=64, height=48, normalisation="eq16")
     theirs = json.loads(result.stdout)
     assert theirs == ours
@@ -65,8 +64,9 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
         streams.append(np.sort(events, order="t"))
         pecs.write(tmp_path / names[len(streams) - 1], streams[-1], 320, 300)
     (tmp_path / "disk.json").write_text(pecs_program("align", "detect", "real.npz", "--json", cwd=tmp_path).stdout)
-    result = pecs_program("compare", *names, "--disk", "disk.json", "-o", "delays.png", "--json", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
+    result = pecs_program(
+        "compare", *names, "--disk", "disk.json", "-o", "delays.png", "--json", cwd=tmp_path, check=True
+    )
     theirs = json.loads(result.stdout)
     for p in ("on", "off"):
         assert theirs["delays"][p]["earth_mover_deg"] == pytest.approx(5, abs=0.5)

@@ -54,8 +54,8 @@ def test_everything(pecs_program, inputs):
         *("report", "--real", "real.raw", "--sim", "sim.raw", "--stack", "stack", "--lens-svg", "lens.svg"),
         *("-o", "report.html", "--json"),
         cwd=inputs,
+        check=True,
     )
-    assert result.returncode == 0, result.stderr
     page = text_of(inputs / "report.html")
     summary = json.loads(result.stdout)
     direct = pecs.compare(events(1), events(2), width=WIDTH, height=HEIGHT)
@@ -85,8 +85,7 @@ def test_numbers_are_explained(pecs_program, inputs, step, say):
     found = events(2)[::step]
     found["p"] |= found["x"] < WIDTH // 8
     pecs.write(inputs / "sim.raw", found, WIDTH, HEIGHT)
-    done = pecs_program("report", "--real", "real.raw", "--sim", "sim.raw", "-o", "report.html", cwd=inputs)
-    assert done.returncode == 0, done.stderr
+    pecs_program("report", "--real", "real.raw", "--sim", "sim.raw", "-o", "report.html", cwd=inputs, check=True)
     page = re.sub(r"\s+", " ", text_of(inputs / "report.html"))
     assert say in page and "contrast_threshold_on" in page and "ON and OFF shifted alike mean a wrong phase" in page
 
@@ -100,8 +99,7 @@ def test_numbers_are_explained(pecs_program, inputs, step, say):
     ],
 )
 def test_missing_parts_are_said(pecs_program, inputs, given, said):
-    result = pecs_program("report", *given, "-o", "report.html", cwd=inputs)
-    assert result.returncode == 0, result.stderr
+    pecs_program("report", *given, "-o", "report.html", cwd=inputs, check=True)
     page = text_of(inputs / "report.html")
     for line in said:
         assert line in page
@@ -113,8 +111,7 @@ def report_of_a_stack(pecs_program, folder, times_ns):
     with StackWriter(folder / "timed", stack) as writer:
         for i in range(len(times_ns)):
             writer.write_frame(i, np.ones((2, HEIGHT, WIDTH), np.float32))
-    done = pecs_program("report", "--stack", "timed", "-o", "report.html", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    pecs_program("report", "--stack", "timed", "-o", "report.html", cwd=folder, check=True)
     return re.sub(r"\s+", " ", text_of(folder / "report.html"))
 
 
@@ -224,6 +221,7 @@ def test_values_of_any_type_are_shown(pecs_program, inputs, key, value):
     record = inputs / "sim.raw.run.json"
     for listed in (5, [1, {"sha256": 7}], [{"sha256": None}]):
         record.write_text(json.dumps({"inputs": listed}))
-        done = pecs_program("report", "--sim", "sim.raw", "--stack", "stack", "-o", "report.html", cwd=inputs)
-        assert done.returncode == 0, done.stderr
+        done = pecs_program(
+            "report", "--sim", "sim.raw", "--stack", "stack", "-o", "report.html", cwd=inputs, check=True
+        )
         assert "a stack" in done.stderr or "not simulated from this stack" in text_of(inputs / "report.html")

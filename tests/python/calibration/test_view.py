@@ -24,8 +24,7 @@ def recording(tmp_path):
     ],
 )
 def test_writes(pecs_program, recording, tmp_path, name, head, options):
-    result = pecs_program("view", recording, "-o", tmp_path / name, "--json", *options)
-    assert result.returncode == 0, result.stderr
+    result = pecs_program("view", recording, "-o", tmp_path / name, "--json", *options, check=True)
     assert (tmp_path / name).read_bytes().startswith(head)
     said = json.loads(result.stdout)
     assert said["events"] == 3000

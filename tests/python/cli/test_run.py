@@ -55,10 +55,8 @@ def _record(path):
 def test_the_program_runs_it_too(blend, events, tmp_path, pecs_program):
     environment = os.environ | {"PECS_BLENDER_PYTHON": sys.executable}
     words = ("-o", tmp_path / "e.csv", "--stack", tmp_path / "s", *SMALL)
-    result = pecs_program(
-        "run", blend, *words, "--sense", "--seed", 2, "--set", "background_on_hz=100", env=environment
-    )
-    assert result.returncode == 0, result.stderr
+    sense = ("--sense", "--seed", 2, "--set", "background_on_hz=100")
+    pecs_program("run", blend, *words, *sense, env=environment, check=True)
     assert (tmp_path / "e.csv").read_bytes() == events.read_bytes() and (tmp_path / "s/stack.json").is_file()
     environment["PECS_BLENDER_PYTHON"] = "/nonexistent/python"
     result = pecs_program("run", blend, *words, env=environment)

@@ -119,8 +119,7 @@ def test_aedat2_without_a_camera_needs_the_size(tmp_path, pecs_program, head, si
     aedat2(tmp_path / "e.aedat", head, size)
     refused(tmp_path / "e.aedat", "AEChip: got no camera in the header, wanted --size")
     assert_events(pecs.read(tmp_path / "e.aedat", size=size))
-    done = pecs_program("convert", tmp_path / "e.aedat", tmp_path / "o.csv", "--size", *size)
-    assert done.returncode == 0, done.stderr
+    pecs_program("convert", tmp_path / "e.aedat", tmp_path / "o.csv", "--size", *size, check=True)
     assert_events(pecs.read(tmp_path / "o.csv"))
     refused(tmp_path / "e.aedat", "size: got 300x200", size=(300, 200))
 

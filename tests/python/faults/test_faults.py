@@ -31,8 +31,7 @@ def test_a_picture_that_ends_too_soon_is_one_line(pecs_program, tmp_path):
 @pytest.mark.parametrize("format", ["evt3", "csv", "dat"])
 def test_a_device_is_written_through(pecs_program, recording, tmp_path, format):
     null = device(tmp_path / "null", 1, 3)
-    result = pecs_program("convert", recording, null, "--format", format)
-    assert result.returncode == 0, result.stderr
+    pecs_program("convert", recording, null, "--format", format, check=True)
     assert stat.S_ISCHR(null.stat().st_mode)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.raw", "null"]  # no record beside a device
 
@@ -291,8 +290,7 @@ def test_what_cannot_be_read(pecs_program, tmp_path, open_folder):
 def test_bytes_of_files_in_errors_and_answers(pecs_program, tmp_path):
     path = tmp_path / os.fsdecode(b"\xff\x1b[31m.raw")
     path.write_bytes(raw_text("evt 3.0", "format EVT3;height=4;width=4", "sensor_name A\xff\x1bB", body=b"\0\x80"))
-    result = pecs_program("info", path, "--json", errors="surrogateescape")
-    assert result.returncode == 0, result.stderr
+    result = pecs_program("info", path, "--json", errors="surrogateescape", check=True)
     assert json.loads(result.stdout)["camera"] == "A\\xff\\x1bB"
     assert pecs_program("convert", path, tmp_path / "o.csv", errors="surrogateescape").returncode == 0
     path.write_bytes(raw_text("format EVT\x1b9"))

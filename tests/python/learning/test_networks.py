@@ -18,7 +18,7 @@ pytest.importorskip("lpips", reason="needs .venv-datasets")
 import lpips
 import onnx
 import torch
-from pecs import PecsError, PecsOutputError
+from pecs import PecsError
 from pecs._files import write_json
 from pecs.datasets.sequence import sequences
 from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
@@ -151,20 +151,14 @@ def test_training_continues(trainable, tmp_path):
     assert np.allclose([late.rate(step) / late.learning_rate for step in (50, 90, 95, 99)], [1, 1, 0.5, 0.1])
     found = recordings(sequences(trainable))
     whole = train(found, tmp_path / "whole", SHORT)
-    try:
+    with pytest.raises(KeyboardInterrupt):
         train(found, tmp_path / "parts", SHORT, progress=_stop_at(3))
-    except KeyboardInterrupt:
-        pass
     parts = train(found, tmp_path / "parts", SHORT)
     for a, b in zip(whole.parameters(), parts.parameters(), strict=True):
         assert torch.equal(a, b)
     assert (tmp_path / "whole/log.csv").read_text() == (tmp_path / "parts/log.csv").read_text()
     assert len((tmp_path / "whole/log.csv").read_text().splitlines()) == 5
-    try:
-        train(found, tmp_path / "whole", dataclasses.replace(SHORT, seed=2))
-        raise AssertionError("another config")
-    except PecsOutputError as e:
-        assert "seed: got 1, wanted 2" in str(e)
+    wrong("seed: got 1, wanted 2", train, found, tmp_path / "whole", dataclasses.replace(SHORT, seed=2))
     steady = dataclasses.replace(SHORT, steps=40, learning_rate=1e-2, clips=dataclasses.replace(SHORT.clips, windows=9))
     losses = []
     train(found[:1], tmp_path / "steady", steady, progress=lambda _, loss: losses.append(loss))
@@ -201,12 +195,9 @@ def test_nan_keeps_the_checkpoint(trainable, tmp_path):
 
 def wrong(words, call, *given):
     """The one line that it stops with."""
-    try:
+    with pytest.raises(PecsError) as e:
         call(*given)
-    except PecsError as e:
-        assert words in str(e) and "\n" not in str(e), e
-    else:
-        raise AssertionError(f"no error, wanted {words}")
+    assert words in str(e.value) and "\n" not in str(e.value), e.value
 
 
 def weights_of_lpips(scratch, trunk):
@@ -240,11 +231,7 @@ def test_lpips_is_its_authors(tmp_path):
 def test_wrong_weights_of_lpips(trainable, tmp_path):
     values = torch.load(weights_of_lpips(tmp_path, "alex"))
     for name, content, words in (
-        (
-            "no_linear",
-            {k: v for k, v in values.items() if not k.startswith("lin")},
-            "Missing key(s) ...",
-        ),
+        ("no_linear", {k: v for k, v in values.items() if not k.startswith("lin")}, "Missing key(s) ..."),
         ("linear", {k: v for k, v in values.items() if k.startswith("lin")}, "Missing key(s) ..."),
         ("shape", values | {"net.slice2.3.weight": torch.zeros(192, 64, 3, 3)}, "file: got Error(s) in loading"),
         (

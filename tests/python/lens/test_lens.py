@@ -13,8 +13,7 @@ LENS = "dgauss_50mm_tronnier"
 
 
 def test_info_of_the_lab_lens(pecs_program):
-    done = pecs_program("lens", "info", "pecs_lab_15mm", "--stop-diameter", 1, "--focus", 1.56, "--json")
-    assert done.returncode == 0, done.stderr
+    done = pecs_program("lens", "info", "pecs_lab_15mm", "--stop-diameter", 1, "--focus", 1.56, "--json", check=True)
     info = json.loads(done.stdout)
     assert info["efl_mm"] == pytest.approx(15.02, abs=0.005)
     assert info["bfl_mm"] == pytest.approx(10.24, abs=0.005)
@@ -24,15 +23,13 @@ def test_info_of_the_lab_lens(pecs_program):
 
 
 def test_info_in_words(pecs_program):
-    done = pecs_program("lens", "info", LENS)
-    assert done.returncode == 0
+    done = pecs_program("lens", "info", LENS, check=True)
     assert "EFL" in done.stdout and "50.358" in done.stdout
 
 
 def test_trace_a_bundle(pecs_program):
     rays = "x,y,z,dx,dy,dz\n0,0,-10,0,0,1\n0.001,0,-10,0,0,1\n14,0,-10,0,0,1\n0,0,60,0.9,0,-0.4\n"
-    done = pecs_program("lens", "trace", LENS, "--wavelength", 587.5618, "--to-z", 68, input=rays)
-    assert done.returncode == 0, done.stderr
+    done = pecs_program("lens", "trace", LENS, "--wavelength", 587.5618, "--to-z", 68, input=rays, check=True)
     rows = list(csv.DictReader(io.StringIO(done.stdout)))
     assert [row["status"] for row in rows][:3] == ["ok", "ok", "clipped:0"]
     assert rows[3]["status"].split(":")[0] in ("clipped", "missed")
@@ -51,8 +48,7 @@ def test_trace_refuses_bad_rays(pecs_program, line):
 def test_trace_keeps_the_order_of_many(pecs_program):
     count = 150_000  # more than one batch
     lines = [f"{i * 1e-5!r},0,-10,0,0,1" for i in range(count)]
-    done = pecs_program("lens", "trace", LENS, "--to-z", -5, "--no-clip", input="\n".join(lines))
-    assert done.returncode == 0
+    done = pecs_program("lens", "trace", LENS, "--to-z", -5, "--no-clip", input="\n".join(lines), check=True)
     x = [float(line.split(",", 1)[0]) for line in done.stdout.splitlines()[1:]]
     assert len(x) == count and all(a < b for a, b in zip(x[:-1], x[1:], strict=True))
     lines[140_000] = lines[149_000] = "bad"
@@ -62,8 +58,7 @@ def test_trace_keeps_the_order_of_many(pecs_program):
 
 def test_draw(pecs_program, tmp_path):
     path = tmp_path / "lens.svg"
-    done = pecs_program("lens", "draw", LENS, "-o", path)
-    assert done.returncode == 0, done.stderr
+    pecs_program("lens", "draw", LENS, "-o", path, check=True)
     svg = path.read_text()
     assert svg.count("<polygon") == 6  # six elements
     assert svg.count("<polyline") == 3 * 3 * 5  # fields x wavelengths x rays
@@ -73,8 +68,7 @@ def test_draw(pecs_program, tmp_path):
 @pytest.mark.parametrize("what", ["draw", "chart", "pupil"])
 def test_pictures_as_png(what, pecs_program, tmp_path):
     path = tmp_path / "lens.png"
-    done = pecs_program("lens", what, "cmount_8mm_f2p8", "-o", path, "--width", 800)
-    assert done.returncode == 0, done.stderr
+    pecs_program("lens", what, "cmount_8mm_f2p8", "-o", path, "--width", 800, check=True)
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     assert int.from_bytes(data[16:20]) == 800 and len(data) > 10_000  # not an empty sheet

@@ -27,8 +27,7 @@ def pytest_generate_tests(metafunc):
 def lens(lens_path, pecs_program):
     """The prescription, the index behind each surface at LAMBDA_NM, and first-order data."""
     data = json.loads(lens_path.read_text())
-    done = pecs_program("lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--json")
-    assert done.returncode == 0, done.stderr
+    done = pecs_program("lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--json", check=True)
     info = json.loads(done.stdout)
     index = {g["surface"]: g["n"] for g in info["glasses"]}
     return data["surfaces"], [index.get(i, 1.0) for i in range(len(data["surfaces"]))], data["stop_index"], info
@@ -49,8 +48,9 @@ def bundle(surfaces, info, count=300):
 
 def ours(pecs_program, lens_path, start, direction, z):
     lines = "\n".join(",".join(map(repr, map(float, row))) for row in np.hstack([start, direction]))
-    done = pecs_program("lens", "trace", lens_path, "--wavelength", LAMBDA_NM, "--to-z", repr(z), input=lines)
-    assert done.returncode == 0, done.stderr
+    done = pecs_program(
+        "lens", "trace", lens_path, "--wavelength", LAMBDA_NM, "--to-z", repr(z), input=lines, check=True
+    )
     rows = list(csv.DictReader(io.StringIO(done.stdout)))
     return (
         np.array([row["status"] == "ok" for row in rows]),
@@ -137,8 +137,9 @@ def rayoptics_trace(surfaces, n, last_thickness, start_z):
 def field_of(pecs_program, lens_path):
     """Our info over the largest of two films that the lens lights."""
     for film in (("--film-width", 36, "--film-height", 24), ()):
-        done = pecs_program("lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--field-rows", 3, "--json", *film)
-        assert done.returncode == 0, done.stderr
+        done = pecs_program(
+            "lens", "info", lens_path, "--wavelength", LAMBDA_NM, "--field-rows", 3, "--json", *film, check=True
+        )
         info = json.loads(done.stdout)
         if info["field"][-1]["relative_illumination"] > 0.02:
             return info

@@ -81,7 +81,6 @@ def test_the_system_s_aperture_opens_the_stop(tmp_path, pecs_program, aperture, 
     lens = pecs.Lens(path)
     assert lens.info()["entrance_pupil_diameter_mm"] == pytest.approx(diameter_mm, rel=1e-4)
     assert bool(info(path)[1]) == (aperture != "FLOA")
-    done = pecs_program("lens", "convert", path, "-o", tmp_path / "lens.json")
-    assert done.returncode == 0, done.stderr
+    pecs_program("lens", "convert", path, "-o", tmp_path / "lens.json", check=True)
     there = pecs.Lens(tmp_path / "lens.json").info()
     assert there | {"file": None, "sha256": None} == lens.info() | {"file": None, "sha256": None}

@@ -157,8 +157,7 @@ def test_bands_are_weighed_as_the_sensor_does(tmp_path, pecs_program):
             light[band] = 1e-3
             for index in (0, 1):
                 writer.write_frame(index, light)
-        result = pecs_program("sense", tmp_path / f"s{band}", "-o", tmp_path / f"{band}.csv")
-        assert result.returncode == 0, result.stderr
+        pecs_program("sense", tmp_path / f"s{band}", "-o", tmp_path / f"{band}.csv", check=True)
         record = json.loads((tmp_path / f"{band}.csv.run.json").read_text())
         currents.append(record["results"]["photocurrent_a"]["median"])
     weights = pecs.Chip("imx636").amperes_per_unit(bands)

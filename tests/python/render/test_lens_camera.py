@@ -65,8 +65,7 @@ def film_points(cam, x, y):
 def traced(pecs_program, name, rays, *more, to_z_mm=0.0):
     """Rows of `pecs lens trace` at 550 nm: points and directions, and which got through."""
     text = "\n".join(",".join(map(repr, map(float, row))) for row in rays)
-    done = pecs_program("lens", "trace", name, "--wavelength", 550, "--to-z", to_z_mm, *more, input=text)
-    assert done.returncode == 0, done.stderr
+    done = pecs_program("lens", "trace", name, "--wavelength", 550, "--to-z", to_z_mm, *more, input=text, check=True)
     rows = list(csv.reader(io.StringIO(done.stdout)))[1:]
     return np.array([row[:6] for row in rows], float), np.array([row[6] == "ok" for row in rows])
 

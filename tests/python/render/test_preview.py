@@ -35,8 +35,7 @@ def test_colours_are_those_of_the_chart(root, pecs_program, tmp_path, bands, mos
     """CIE76 difference from the chart's colours under D65, from a 5 nm sum of colour-science's tables."""
     colour = pytest.importorskip("colour")
     patches, light = checker_stack(root, tmp_path / "s", bands)
-    result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", "--json")
-    assert result.returncode == 0, result.stderr
+    pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", "--json", check=True)
     seen = cv2.imread(str(tmp_path / "x.png"))[1, :, ::-1] / 255.0
     nm = np.arange(380.0, 781.0, 5)
     cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
@@ -61,8 +60,7 @@ def test_few_bands_have_the_charts_colours(root, pecs_program, tmp_path, lamp):
 
     def seen(folder, *options, **stack):
         checker_stack(root, folder, **stack)
-        result = pecs_program("render-preview", folder, "-o", tmp_path / "x.png", *options)
-        assert result.returncode == 0, result.stderr
+        pecs_program("render-preview", folder, "-o", tmp_path / "x.png", *options, check=True)
         shown = cv2.imread(str(tmp_path / "x.png"))[1] / 255
         linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
         return linear / linear[white].mean()
@@ -121,8 +119,7 @@ def test_views_of_a_config(root, pecs_program, tmp_path):
     shown = {}
     for view in ("Plain", "Half"):
         args = ("-o", tmp_path / "x.png", "--ocio", tmp_path / "config.ocio", "--view", view, "--exposure", -0.5)
-        result = pecs_program("render-preview", tmp_path / "s", *args)
-        assert result.returncode == 0, result.stderr
+        result = pecs_program("render-preview", tmp_path / "s", *args, check=True)
         shown[view] = cv2.imread(str(tmp_path / "x.png")).astype(int)
     assert shown["Plain"].max() > 150
     assert np.abs(shown["Plain"] - 2 * shown["Half"]).max() <= 2
@@ -140,8 +137,7 @@ def test_blenders_own_config(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s")
     pictures = []
     for args in ((), ("--ocio", config, "--view", "Standard"), ("--ocio", config, "--view", "AgX")):
-        result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", *args)
-        assert result.returncode == 0, result.stderr
+        pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.png", *args, check=True)
         pictures.append(cv2.imread(str(tmp_path / "x.png")).astype(int))
     plain, standard, agx = pictures
     assert np.abs(plain - standard).max() <= 2
@@ -159,8 +155,7 @@ def test_subpixels_are_averaged(root, pecs_program, tmp_path):
         writer.write_frame(0, fine)
     pictures = []
     for folder in ("plain", "fine"):
-        result = pecs_program("render-preview", tmp_path / folder, "-o", tmp_path / "x.png")
-        assert result.returncode == 0, result.stderr
+        pecs_program("render-preview", tmp_path / folder, "-o", tmp_path / "x.png", check=True)
         pictures.append(cv2.imread(str(tmp_path / "x.png")).astype(int))
     assert pictures[0].shape == pictures[1].shape == (HEIGHT, WIDTH, 3)
     assert pictures[0].max() > 150 and np.abs(pictures[0] - pictures[1]).max() <= 1
@@ -168,8 +163,7 @@ def test_subpixels_are_averaged(root, pecs_program, tmp_path):
 
 def test_video_has_every_frame(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s", frames=5)
-    result = pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.mp4")
-    assert result.returncode == 0, result.stderr
+    pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.mp4", check=True)
     video = cv2.VideoCapture(str(tmp_path / "x.mp4"))
     count = 0
     while video.read()[0]:

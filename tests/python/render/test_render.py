@@ -130,8 +130,7 @@ def test_a_static_scene_is_bit_identical_and_gives_no_events(render, pecs_progra
     _, values = frames(tmp_path / "s")
     assert values.max() > 0
     assert (values == values[0]).all()
-    result = pecs_program("sense", tmp_path / "s", "-o", tmp_path / "e.csv", "--chip", "imx636", "--no-noise")
-    assert result.returncode == 0, result.stderr
+    pecs_program("sense", tmp_path / "s", "-o", tmp_path / "e.csv", "--chip", "imx636", "--no-noise", check=True)
     assert json.loads(pecs_program("info", tmp_path / "e.csv", "--json").stdout)["events"] == 0
 
 

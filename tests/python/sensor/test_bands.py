@@ -78,8 +78,7 @@ def test_refused(options, code):
 def test_both_programs_know_the_same_lamps(lamp, python, pecs_program, tmp_path):
     (tmp_path / "lamp.csv").write_text("# mine\nwavelength_nm,value\n400,1\n500,3\n900,2\n")
     options = ("bands", "--illuminant", lamp, "-n", "5", "--json")
-    ours = pecs_program(*options, cwd=tmp_path)
-    assert ours.returncode == 0, ours.stderr
+    ours = pecs_program(*options, cwd=tmp_path, check=True)
     done = subprocess.run([python, "-m", "pecs_blender", *options], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for a, b in zip(json.loads(ours.stdout)["bands"], json.loads(done.stdout)["bands"], strict=True):

@@ -159,8 +159,7 @@ def test_video_and_colour_space(tmp_path, pecs_program):
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     live = [tmp_path / "v.avi", "-o", tmp_path / "live.csv", "--chip", "ideal", "--view", "--window", 4000]
     for display in ({}, {"DISPLAY": ":99999"}):  # none, and one that does not answer
-        done = pecs_program("sense", *live, env=env | display)
-        assert done.returncode == 0, done.stderr
+        done = pecs_program("sense", *live, env=env | display, check=True)
         assert done.stderr.splitlines()[-1] == f"pecs: warning: no display: the events are in {tmp_path}/live.csv.mp4"
         assert len(read_csv(tmp_path / "live.csv")) == result["events"]
         shown = cv2.VideoCapture(str(tmp_path / "live.csv.mp4"))

@@ -77,8 +77,7 @@ def test_an_option_is_heard(option, plain, pecs_program):
     (plain / "a.bias").write_text("35 % bias_diff_on\n0 % bias_fo\n")
     files = {"MASK": plain / "mask.txt", "BIAS": plain / "a.bias"}
     args = [files.get(word, word) for word in args]
-    done = pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args)
-    assert done.returncode == 0, done.stderr
+    pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args, check=True)
     record, before = (json.loads((plain / f"{name}.npz.run.json").read_text())["config"] for name in ("o", "plain"))
     assert record[key] != before[key]
 
@@ -119,8 +118,7 @@ def test_loops_of_every_model_are_the_unrolled_stack(model, tmp_path, pecs_progr
     args += ["--warmup-loops", "2", "--start", "700", "--duration", "31000"]
     for threads in (1, 3):
         out = tmp_path / f"{threads}.npz"
-        done = pecs_program("sense", tmp_path / "s", "-o", out, "--quiet", "--threads", threads, *args)
-        assert done.returncode == 0, done.stderr
+        pecs_program("sense", tmp_path / "s", "-o", out, "--quiet", "--threads", threads, *args, check=True)
     events = pecs.read(tmp_path / "1.npz")
     np.testing.assert_array_equal(events, pecs.read(tmp_path / "3.npz"))
 
@@ -151,8 +149,7 @@ def test_live_is_the_file_for_every_model(model, tmp_path, pecs_program):
     white = [] if model == "pecs" else ["--white", "1e-12"]
     args = ["--model", model, *white, "--start", "2000", "--bands", "mc:2", "--quiet"]
     for name, live in (("file", []), ("live", ["--view"])):
-        done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / f"{name}.npz", *args, *live)
-        assert done.returncode == 0, done.stderr
+        done = pecs_program("sense", tmp_path / "v.avi", "-o", tmp_path / f"{name}.npz", *args, *live, check=True)
     events = pecs.read(tmp_path / "live.npz")
     assert len(events) > 500
     np.testing.assert_array_equal(events, pecs.read(tmp_path / "file.npz"))

@@ -83,10 +83,10 @@ def test_program_python_and_files_alike(name, tmp_path, pecs_program):
     loops = ["--duration", "200ms", "--quiet"]
     drops = ["--dropped", tmp_path / "d.npy"]
     for out, args in (("plain", []), ("kept", [*words, *drops]), ("threads", [*words, "--threads", 3])):
-        done = pecs_program("sense", tmp_path / "s", "-o", tmp_path / f"{out}.npz", *loops, *args)
-        assert done.returncode == 0, done.stderr
-    done = pecs_program("convert", tmp_path / "plain.npz", tmp_path / "c.npz", *words, "--dropped", tmp_path / "dc.npy")
-    assert done.returncode == 0, done.stderr
+        pecs_program("sense", tmp_path / "s", "-o", tmp_path / f"{out}.npz", *loops, *args, check=True)
+    pecs_program(
+        "convert", tmp_path / "plain.npz", tmp_path / "c.npz", *words, "--dropped", tmp_path / "dc.npy", check=True
+    )
     pecs.sense(tmp_path / "s", tmp_path / "python.npz", duration_us=200_000, **keys)
     plain, kept = pecs.read(tmp_path / "plain.npz"), pecs.read(tmp_path / "kept.npz")
     for other in ("threads", "c", "python"):

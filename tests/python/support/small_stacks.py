@@ -42,8 +42,7 @@ def read_csv(path):
 
 
 def sense(pecs_program, *args):
-    done = pecs_program("sense", *args, "--quiet")
-    assert done.returncode == 0, done.stderr
+    done = pecs_program("sense", *args, "--quiet", check=True)
     return done
 
 
