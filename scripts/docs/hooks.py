@@ -1,5 +1,6 @@
 """Hooks of mkdocs.yml. The site holds the pages of docs/, what those link to elsewhere in the repository
-(under repo/, notebooks as pages, other files that are not Markdown as listings) and what scripts/docs.sh generates into out/docs."""
+(under repo/, notebooks as pages, other files that are not Markdown as listings) and what scripts/docs.sh generates into
+out/docs."""
 
 import json
 import posixpath
