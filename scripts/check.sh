@@ -21,7 +21,7 @@ build() {
   "${RUN[@]}" cmake --build --preset "$preset" -j "$JOBS" --target "$@"
 }
 
-# run_tests PRESET ROOM...: the C++ tests of these rooms.
+# run_tests PRESET PART...: the C++ tests of these parts.
 run_tests() {
   local preset=$1 ; shift
   say "C++ tests of $*"

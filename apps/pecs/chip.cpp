@@ -84,7 +84,7 @@ void info(const InfoOptions& o) {
   fmt::print("{}: {}\n", chip.name, chip.description);
   if (!chip.trade_names.empty()) fmt::print("cameras: {}\n", fmt::join(chip.trade_names, ", "));
   for (const auto& [key, entry] : out["values"].items())
-    fmt::print("  {:<24}{:.4g} {}: {}\n", key, entry["value"].get<double>(), entry["unit"].get<std::string>(),
+    fmt::print("  {:<26}{:.4g} {}: {}\n", key, entry["value"].get<double>(), entry["unit"].get<std::string>(),
                entry["source"].get<std::string>());
   if (!o.lux) return;
   const auto print_light = [&](const Json& light, const std::string& behind) {

@@ -17,9 +17,9 @@ const char* pecs_version(void) { return pecs::kVersion; }
 
 void pecs_text_free(char* text) { std::free(text); }
 
-char* pecs_data_dir(const char* room, pecs_error* error) {
+char* pecs_data_dir(const char* folder, pecs_error* error) {
   return pecs::capi::guard(
-      error, [&] { return pecs::capi::hand_over(pecs::data_dir(&pecs::capi::given(room, "room")).string()); });
+      error, [&] { return pecs::capi::hand_over(pecs::data_dir(&pecs::capi::given(folder, "folder")).string()); });
 }
 
 }  // extern "C"

@@ -136,9 +136,9 @@ def options_bytes(options: Any) -> bytes:
     return json.dumps(options).encode()
 
 
-def data_dir(room: str) -> Path:
-    """The folder of data files that ship with PECS; `room` is such as "lens_data/spectra"."""
-    return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(room.encode())))
+def data_dir(folder: str) -> Path:
+    """The folder of data files that ship with PECS; `folder` is such as "lens_data/spectra"."""
+    return Path(take_text(function("pecs_data_dir", ctypes.c_void_p, ctypes.c_char_p)(folder.encode())))
 
 
 def json_function(name: str, *argtypes: Any) -> Callable[..., Any]:

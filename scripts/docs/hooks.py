@@ -1,6 +1,8 @@
 """Hooks of mkdocs.yml. The site holds the pages of docs/, what those link to elsewhere in the repository
-(under repo/, files that are not Markdown as listings) and what scripts/docs.sh generates into out/docs."""
+(under repo/, notebooks as pages, other files that are not Markdown as listings) and what scripts/docs.sh generates into
+out/docs."""
 
+import json
 import posixpath
 import re
 from pathlib import Path
@@ -49,7 +51,17 @@ def linked(start):
     return found
 
 
+def notebook(path):
+    """Its text and its code; the picture beside it is what it draws."""
+    cells = json.loads((ROOT / path).read_text(encoding="utf-8"))["cells"]
+    text = [(cell["cell_type"], "".join(cell["source"])) for cell in cells]
+    parts = [source if kind == "markdown" else f"```python\n{source}\n```" for kind, source in text]
+    return "\n\n".join([*parts, "![What the notebook draws](picture.png)"]) + "\n"
+
+
 def listing(path):
+    if path.endswith(".ipynb"):
+        return notebook(path)
     language = {".c": "c", ".h": "c", ".py": "python", ".toml": "toml", ".json": "json", ".sh": "bash"}
     text = (ROOT / path).read_text(encoding="utf-8")
     return f"# {path}\n\n````{language.get(Path(path).suffix, 'text')}\n{text}\n````\n"

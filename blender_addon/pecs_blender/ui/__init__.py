@@ -8,6 +8,7 @@ from importlib import import_module
 MODULES = (  # a class is registered before those that refer to it
     "preferences",
     "settings",
+    "paths",
     "background",
     "operators",
     "event_view",

@@ -24,7 +24,7 @@ from pecs._platform import die_with_parent, end_of
 from pecs._progress import status_of
 
 from . import disk
-from .interface import areas, redraw, wrapped
+from .interface import redraw_panels, wrapped
 
 POLL_S = 0.2  # interval of polls
 STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
@@ -45,7 +45,7 @@ class BackgroundJob:
     """label: name in the panel. done: makes the message of success. for_file: the result belongs to the open file, so
     that opening another one stops the job. continues: a stopped job resumes when it is run again. tasks: labels of the
     tasks in its JSON progress lines (docs/reference/exit_codes.md) that differ from the job's label; that of "" is the
-    text before the first line."""
+    text before the first line. render_s: time of all images by the plan; None: not planned."""
 
     label: str
     command: list[str]
@@ -54,6 +54,7 @@ class BackgroundJob:
     for_file: bool = False
     continues: bool = False
     tasks: dict[str, str] = field(default_factory=dict)
+    render_s: float | None = None
 
     def __post_init__(self):
         self.last_line, self.answer, self.folder = "", [], self.output
@@ -86,7 +87,8 @@ class BackgroundJob:
         self.plan = status.get("plan", self.plan)
         if "progress" in status and status.get("total"):
             self._task, self._done, self._total = status["progress"], status["done"], status["total"]
-            self._left_s, self._left_at = status.get("left_s"), time.monotonic()
+            planned_s = self.render_s if (self._task, self._done) == ("render", 0) else None
+            self._left_s, self._left_at = status.get("left_s", planned_s), time.monotonic()
 
     def _read_answer(self, stream) -> None:
         for line in stream:
@@ -179,7 +181,7 @@ def poll() -> float | None:
     code = job.returncode()
     if code is not None or job.text != state.shown:  # a redraw costs Blender more than the poll
         state.shown = job.text
-        _redraw()
+        redraw_panels()
     if code is None:
         return POLL_S
     remove_copy(job.command)
@@ -232,14 +234,6 @@ def _on_load(*_) -> None:
     state.message, state.is_error, state.offer_exists, state.scores = "", False, False, {}
     if state.job and state.job.for_file:
         state.job.stop()
-
-
-def _redraw() -> None:
-    redraw("PROPERTIES")
-    for area in areas("VIEW_3D"):
-        next(region for region in area.regions if region.type == "UI").tag_redraw()  # the sidebar alone
-    for window in bpy.context.window_manager.windows:
-        window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
 
 
 def pop_up(text: str) -> None:

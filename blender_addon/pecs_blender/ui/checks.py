@@ -179,6 +179,8 @@ def _light_problems(scene) -> Iterator[Problem]:
 
 def _output_problems(scene) -> Iterator[Problem]:
     folder = paths.stack(scene)
+    if not bpy.data.filepath:
+        yield Problem(f"The file is not saved. Outputs go to {paths.events(scene).parent}", False)
     yield from _folder_problems(folder)
     wanted, free = settings.stack_bytes(scene), disk.place(folder).free
     if scene.pecs.time == "uniform" and free is not None and wanted > free:

@@ -9,7 +9,7 @@ import pecs
 from bpy.props import IntProperty, StringProperty
 
 from . import checks, library, paths, settings
-from .interface import Action
+from .interface import AUTO, Action
 
 
 class PECS_OT_chip_resolution(Action, bpy.types.Operator):
@@ -165,6 +165,24 @@ class PECS_OT_use_preset(Action, bpy.types.Operator):
 
     def act(self, context) -> None:
         context.scene.pecs.sensor.preset = self.name
+
+
+class PECS_OT_auto(Action, bpy.types.Operator):
+    """Choose a number, or leave the choice to PECS"""
+
+    bl_label = "Automatic"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    owner: StringProperty(options={"SKIP_SAVE"})  # path from the scene
+    name: StringProperty(options={"SKIP_SAVE"})  # a name of interface.AUTO
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return context.scene.path_resolve(properties.owner).bl_rna.properties[properties.name].description
+
+    def act(self, context) -> None:
+        owner = context.scene.path_resolve(self.owner)
+        setattr(owner, self.name, 0 if getattr(owner, self.name) else AUTO[self.name][1])
 
 
 def _keys(_self, context, text: str) -> list[tuple[str, str]]:

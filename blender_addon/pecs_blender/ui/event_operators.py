@@ -2,6 +2,7 @@
 """Operators that run the program `pecs`: simulate, view, reconstruct, report, compare."""
 
 import json
+import re
 from pathlib import Path
 
 import bpy
@@ -18,6 +19,7 @@ KINDS = {  # outputs of `pecs view`: label and description
     "mp4": ("Video", "Write a slow-motion video and open it in the system's player"),
     "html": ("3-D Page", "Write a page with the events in space and time and open it in the browser"),
 }
+MUCH_NOISE = 0.1  # share of events from render noise above which the result is doubtful
 VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstructed video
 
 
@@ -29,7 +31,11 @@ def show_events(job: BackgroundJob) -> str:
     """Draws the new events over the viewport, unless a file with another folder has been opened since."""
     if paths.events(bpy.context.scene).parent == job.output.parent:
         event_view.show(job.output)
-    return job.answer[-1] if job.answer else f"{job.output}: simulated"
+    text = job.answer[-1] if job.answer else f"{job.output}: simulated"
+    noise = json.loads(Path(f"{job.output}.run.json").read_text())["results"].get("render_noise", {})
+    if (noise.get("share") or 0) > MUCH_NOISE:
+        text = f"Render noise causes {noise['share']:.0%} of the events. Use more samples. {text}"
+    return re.sub(r"(?<= )\d+(?= events)", lambda number: f"{int(number[0]):,}", text)
 
 
 class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
@@ -85,7 +91,8 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
     words = ["--stack", str(stack), "--width", width, "--height", height]
     words += [*operators.frame_words(scene), *settings.exists_words(scene)]
     command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
-    return Next(command, lambda: BackgroundJob(label, command, events, done, continues=True, tasks=operators.TASKS))
+    how = {"continues": True, "tasks": operators.TASKS, "render_s": operators.planned_s(scene)}
+    return Next(command, lambda: BackgroundJob(label, command, events, done, **how))
 
 
 class PECS_OT_run_cameras(_Runs, bpy.types.Operator):

@@ -6,17 +6,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import blf
 import bpy
 import gpu
 import numpy as np
 import pecs
-from bpy.props import BoolProperty
+from bpy.props import BoolProperty, EnumProperty
+from gpu_extras.batch import batch_for_shader
 from gpu_extras.presets import draw_texture_2d
 
+from ..truth import LAYERS
 from . import disk, live_view, operators, paths
 from .interface import Action, redraw
 
 IMAGE = "PECS Events"
+GROUND, BORDER, TEXT = (0.05, 0.055, 0.06, 0.6), (0.6, 0.6, 0.6, 1), (1, 1, 1, 1)  # of the inset
 
 
 class EventView:
@@ -56,6 +60,7 @@ class EventView:
             if tuple(image.size) != rgba.shape[1::-1]:  # of other events, or saved in the .blend
                 image.scale(*rgba.shape[1::-1])
             image.pixels.foreach_set(rgba.ravel())
+            image.pack()  # otherwise Blender asks at its end whether to save the image
             image.update()
 
     def image(self, scene) -> bpy.types.Image:
@@ -69,28 +74,47 @@ class EventView:
         scene, space, region = context.scene, context.space_data, context.region
         if not scene.camera or scene.camera.type != "CAMERA" or not space.overlay.show_overlays:
             return
+        if live_view.state.view and live_view.state.view.is_in(space):  # two clouds of the same colours
+            return
         at = scene.frame_current_final, scene.frame_start
         if not self._drawn or self._drawn[0] != at:
             rgba = self.picture(scene)
             buffer = gpu.types.Buffer("FLOAT", rgba.size, rgba.ravel())
             self._drawn = at, gpu.types.GPUTexture((rgba.shape[1], rgba.shape[0]), format="RGBA32F", data=buffer)
         gpu.state.blend_set("ALPHA")
-        place = _place(context, scene, space, region, self.events)
-        draw_texture_2d(self._drawn[1], *place)
+        image = _camera_image(context, scene, space, region, self.events)
+        x, y, width, height = image or live_view.inset(self.events.width, self.events.height, region)
+        if not image:
+            name = f"{self.path.name}, {self.events.width} x {self.events.height}, frame {scene.frame_current}"
+            _draw_ground((x, y, width, height), name)
+        draw_texture_2d(self._drawn[1], (x, y), width, height)
         gpu.state.blend_set("NONE")
 
 
-def _place(context, scene, space, region, events) -> tuple[tuple[float, float], float, float]:
-    """Corner, width and height: the camera's image, or an inset if the viewport does not look through the camera."""
-    rectangle = None
+def _draw_ground(rectangle: live_view.Rectangle, name: str) -> None:
+    """Ground, border and name of the inset."""
+    x, y, width, height = rectangle
+    corners = (x, y), (x + width, y), (x + width, y + height), (x, y + height)
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    shader.bind()
+    for kind, positions, colour in (("TRI_FAN", corners, GROUND), ("LINE_STRIP", (*corners, corners[0]), BORDER)):
+        shader.uniform_float("color", colour)
+        batch_for_shader(shader, kind, {"pos": positions}).draw(shader)
+    blf.size(0, 12 * bpy.context.preferences.system.ui_scale)
+    blf.color(0, *TEXT)
+    blf.position(0, x, y + height + 6, 0)
+    blf.draw(0, name)
+
+
+def _camera_image(context, scene, space, region, events) -> live_view.Rectangle | None:
+    """The camera's image in a viewport that looks through the camera."""
     if space.region_3d.view_perspective == "CAMERA" and (space.camera or scene.camera) == scene.camera:
         depsgraph = context.view_layer.depsgraph
         camera = scene.camera.evaluated_get(depsgraph)
         projection = camera.calc_matrix_camera(depsgraph, x=events.width, y=events.height)
         matrix = camera.matrix_world.normalized()
-        rectangle = live_view.of_camera(matrix, projection, region, space.region_3d)
-    x, y, width, height = rectangle or live_view.inset(events.width, events.height, region)
-    return (x, y), width, height
+        return live_view.of_camera(matrix, projection, region, space.region_3d)
+    return None
 
 
 class _State:
@@ -136,6 +160,49 @@ class PECS_OT_show_events(Action, bpy.types.Operator):
         if not state.view:
             show(paths.events(context.scene))
         return operators.show_image(state.view.image(context.scene)) if self.in_editor else None
+
+
+def layer_picture(name: str, layer: np.ndarray) -> np.ndarray:
+    """[height, width, 3] of a layer [channels, height, width]: near is white, linear in 1 / distance; normals and
+    directions of motion are colours, black is no motion; each object has a colour, black is none."""
+    if name == "depth":
+        near = 1 / layer[0]
+        return np.repeat((near / max(float(near.max()), 1e-9))[..., None], 3, axis=-1)
+    if name == "normal":
+        return (1 + layer.transpose(1, 2, 0)) / 2
+    if name == "motion":
+        x, y = np.nan_to_num(layer[6:8])  # x_end, y_end
+        length = np.hypot(x, y)[..., None]
+        hue = np.arctan2(y, x)[..., None] + 2 * np.pi / 3 * np.arange(3)
+        return (1 + np.cos(hue)) / 2 * np.minimum(1, length / max(float(np.percentile(length, 99)), 1e-6))
+    number = layer[0].astype(int)
+    colours = np.random.default_rng(4).uniform(0.2, 1, (1 + number.max(), 3))
+    colours[0] = 0
+    return colours[number]
+
+
+class PECS_OT_show_layer(Action, bpy.types.Operator):
+    """Show a ground-truth layer of the stack, of the rendered frame nearest to the current one, in the image editor"""
+
+    bl_label = "Show Layer"
+
+    layer: EnumProperty(name="Layer", items=[(name, name.capitalize(), "") for name in LAYERS])
+
+    @classmethod
+    def why_not(cls, context) -> str:
+        stack = paths.rendered(context.scene)
+        return "" if disk.is_file(stack / "stack.json") else f"{stack}: does not exist; render the stack first"
+
+    def act(self, context) -> str:
+        scene = context.scene
+        time_s = (scene.frame_current_final - scene.frame_start) * scene.render.fps_base / scene.render.fps
+        with pecs.StackReader(paths.rendered(scene)) as stack:
+            if self.layer not in (one["name"] for one in stack.layers):
+                raise RuntimeError(f"The stack has no layer {self.layer}. Select it above and render again")
+            times_ns = stack.info["times_ns"][:-1] if self.layer == "motion" else stack.info["times_ns"]
+            index = min(range(len(times_ns)), key=lambda i: abs(times_ns[i] - 1e9 * time_s))
+            picture = layer_picture(self.layer, stack.read_layer(self.layer, index))
+        return operators.show_image(operators.image_of(f"PECS {self.layer}", picture))
 
 
 @bpy.app.handlers.persistent

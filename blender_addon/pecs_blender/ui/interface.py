@@ -23,6 +23,15 @@ def redraw(*kinds: str) -> None:
         area.tag_redraw()
 
 
+def redraw_panels() -> None:
+    """The properties, the sidebar of the 3-D viewport alone, and the status bar."""
+    redraw("PROPERTIES")
+    for area in areas("VIEW_3D"):
+        next(region for region in area.regions if region.type == "UI").tag_redraw()
+    for window in bpy.context.window_manager.windows:
+        window.workspace.status_text_set_internal(None)  # the only call that redraws the status bar
+
+
 def wrapped(layout, text: str, icon: str = "NONE", alert: bool = False) -> None:
     """Draws a text as several labels that fit the width of the panel."""
     region = bpy.context.region
@@ -76,15 +85,13 @@ AUTO = {
 def auto(layout, owner, *names: str) -> None:
     """Draws numbers of AUTO: a button with the name of the choice, or the number with an X that returns to it."""
     for name in names:
-        definition, (word, first) = owner.bl_rna.properties[name], AUTO[name]
-        operator = "wm.context_set_int" if definition.type == "INT" else "wm.context_set_float"
         if getattr(owner, name):
             row = layout.row(align=True)
             row.prop(owner, name)
-            button = row.operator(operator, text="", icon="X")
+            button = row.operator("pecs.auto", text="", icon="X")
         else:
-            button = labelled(layout, definition.name).operator(operator, text=word)
-        button.data_path, button.value = f"scene.{owner.path_from_id()}.{name}", 0 if getattr(owner, name) else first
+            button = labelled(layout, owner.bl_rna.properties[name].name).operator("pecs.auto", text=AUTO[name][0])
+        button.owner, button.name = owner.path_from_id(), name
 
 
 def progress(layout, job) -> None:
@@ -128,6 +135,7 @@ class Action:
         except self.ERRORS as e:
             self.report({"ERROR"}, str(e))
             return {"CANCELLED"}
+        redraw_panels()  # also the one in which the button was not pressed
         if message:
             self.report({"INFO"}, message)
         return {"FINISHED"}

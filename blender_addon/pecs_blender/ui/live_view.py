@@ -106,6 +106,10 @@ class LiveView:
         self.sensor.close()
         redraw("VIEW_3D")
 
+    def is_in(self, space) -> bool:
+        """Whether it draws into this viewport."""
+        return self._space == space.as_pointer()
+
     # Detection of changes.
 
     def _note_change(self, *_) -> None:

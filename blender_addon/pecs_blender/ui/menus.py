@@ -65,6 +65,7 @@ def _choices(layout, kind: str) -> None:
 
 class PECS_MT_chip(bpy.types.Menu):
     bl_label = "Chip"
+    bl_description = "Sensor chip: pixels, spectral response, thresholds and noise"
 
     def draw(self, _context) -> None:
         _choices(self.layout, "chip")
@@ -73,6 +74,7 @@ class PECS_MT_chip(bpy.types.Menu):
 
 class PECS_MT_lens(bpy.types.Menu):
     bl_label = "Lens"
+    bl_description = "Lens through which Cycles renders, or the scene's camera"
 
     def draw(self, _context) -> None:
         _choices(self.layout, "lens")
@@ -117,7 +119,8 @@ def _in_status_bar(self, _context) -> None:
         row.ui_units_x = 16  # fits the text
         progress(row, job)
     elif text := background.state.message:
-        self.layout.label(text=textwrap.shorten(text, 80, placeholder="…"), icon="INFO")
+        icon = "ERROR" if background.state.is_error else "INFO"
+        self.layout.label(text=textwrap.shorten(text, 80, placeholder="…"), icon=icon)
 
 
 _keys: list[tuple] = []  # keymap and item

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pecs
 from pecs._arguments import latest
 
@@ -114,7 +115,8 @@ class PECS_OT_render(Renders, bpy.types.Operator):
             return f"{job.folder}: rendered"
 
         command = blender(scene, "render", output, *frame_words(scene), *settings.exists_words(scene))
-        return BackgroundJob("Render Stack", command, output, done, continues=True, tasks=TASKS)
+        how = {"continues": True, "tasks": TASKS, "render_s": planned_s(scene)}
+        return BackgroundJob("Render Stack", command, output, done, **how)
 
 
 class PECS_OT_plan(Renders, bpy.types.Operator):
@@ -134,6 +136,12 @@ class PECS_OT_plan(Renders, bpy.types.Operator):
 
         command = blender(scene, "render", output, *frame_words(scene), "--plan")
         return BackgroundJob("Plan", command, output, done, for_file=True, tasks=TASKS)
+
+
+def planned_s(scene) -> float | None:
+    """Time of the render by the plan; None if there is none for these settings."""
+    plan = background.state.plan.get(scene.name)
+    return plan["frames"] * plan["each_s"] if plan and plan["settings"] == planned_with(scene) else None
 
 
 def planned_with(scene) -> list[str]:
@@ -173,14 +181,20 @@ def _show(job: BackgroundJob) -> str:
     """Shows the preview in the image editor."""
     with pecs.StackReader(job.output) as stack:
         picture = linear_rgb(stack.read_frame(0), stack.info["bands"])
-    height, width, _ = picture.shape
-    if old := bpy.data.images.get(PREVIEW_IMAGE):
-        bpy.data.images.remove(old)
-    image = bpy.data.images.new(PREVIEW_IMAGE, width, height, float_buffer=True)
-    fill(image, picture)
-    image.update()
     shutil.rmtree(job.output.parent, ignore_errors=True)
-    return show_image(image)
+    return show_image(image_of(PREVIEW_IMAGE, picture))
+
+
+def image_of(name: str, picture: np.ndarray) -> bpy.types.Image:
+    """The image of this name, with a picture [height, width, 3]."""
+    height, width, _ = picture.shape
+    if old := bpy.data.images.get(name):
+        bpy.data.images.remove(old)
+    image = bpy.data.images.new(name, width, height, float_buffer=True)
+    fill(image, picture)
+    image.pack()  # otherwise Blender asks at its end whether to save the image
+    image.update()
+    return image
 
 
 def show_image(image: bpy.types.Image) -> str:

@@ -8,6 +8,7 @@ import contextlib
 import bpy
 from pecs._errors import PecsError
 
+from ..job.options import SAMPLES
 from ..job.resources import readable
 from . import checks, event_operators, event_view, frustum, library, light_probe, operators, paths, settings
 from .background import state
@@ -49,12 +50,19 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
         row = layout.row()  # always one line, so that no button moves when a job starts or ends
         row.alert = bool(not state.job and state.is_error)
         message = "" if state.job else state.message.replace(f"{paths.events(context.scene).parent}/", "")
-        row.label(text=message, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
+        text = message or "{} x {}, Cycles, {} samples".format(*settings.size(context.scene), _samples(context.scene))
+        row.label(text=text, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
         row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)
         if state.offer_exists:
             layout.prop(context.scene.pecs, "exists")
         for one in checks.run_problems(context.scene):
             problem(layout, one)
+
+
+def _samples(scene) -> int | str:
+    if scene.pecs.noise_events:
+        return "automatic"
+    return scene.pecs.samples or SAMPLES[scene.pecs.time]
 
 
 class PECS_PT_sidebar(bpy.types.Panel):
@@ -176,6 +184,17 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.prop(scene.pecs_light, "wanted_lux")
         column.operator("pecs.set_lux")
+
+
+class PECS_PT_truth(SubPanel, bpy.types.Panel):
+    bl_label = "Ground Truth"
+    bl_parent_id = "PECS_PT_time"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def fill(self, layout, scene, s) -> None:
+        layout.column(align=True).prop(s, "layers")
+        for name in sorted(s.layers):
+            layout.operator("pecs.show_layer", text=f"Show {name.capitalize()}", icon="IMAGE_DATA").layer = name
 
 
 class PECS_PT_checks(SubPanel, bpy.types.Panel):
@@ -375,7 +394,6 @@ class PECS_PT_stack(SubPanel, bpy.types.Panel):
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "output", placeholder=paths.stack(scene).name)
         props(layout, s, "exists", "time", "step_px" if s.time == "adaptive" else "moving_px")
-        layout.column(align=True).prop(s, "layers")
         if s.time == "uniform":
             layout.label(text=f"Up to {readable(settings.stack_bytes(scene))}")
         layout.operator("pecs.render", icon="RENDER_STILL")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import secrets
 import tempfile
 import webbrowser
 from functools import cache
@@ -14,9 +15,22 @@ import pecs
 from .preferences import preferences
 
 
+class _State:
+    unsaved: Path | None = None
+
+
+state = _State()
+
+
+def _unsaved() -> str:
+    """Folder of the outputs of a file that was never saved: none of another file, session or user. A job makes it."""
+    state.unsaved = state.unsaved or Path(tempfile.gettempdir(), f"pecs_{secrets.token_hex(4)}")
+    return str(state.unsaved)
+
+
 def _path(text: str, extension: str) -> Path:
     """The path set in the panel, or one in NAME_events in the preferred folder, of NAME.blend."""
-    start = None if bpy.data.filepath else tempfile.gettempdir()  # as Blender's own output of an unsaved file
+    start = None if bpy.data.filepath else _unsaved()
     if text:
         return Path(bpy.path.abspath(text, start=start))
     name = Path(bpy.data.filepath).stem or "untitled"
@@ -50,3 +64,17 @@ def open_outside(path: Path) -> str:
 @cache
 def extension(event_format: str) -> str:
     return next((f["extensions"][0] for f in pecs.event_formats() if f["name"] == event_format), ".raw")
+
+
+@bpy.app.handlers.persistent
+def _on_load(*_) -> None:
+    """Runs when another file is opened."""
+    state.unsaved = None
+
+
+def register() -> None:
+    bpy.app.handlers.load_pre.append(_on_load)
+
+
+def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(_on_load)

@@ -84,6 +84,12 @@ _DESCRIPTIONS = {
     "uniform": "Single wavelengths, equally spaced",
     "adaptive": "Keyframes, and the motion between them",
 }
+_LAYERS = {
+    "depth": "Distance to the camera's centre and along its axis, in m",
+    "normal": "Unit normals of the surfaces in the camera's axes",
+    "motion": "Motion of the surfaces to the next rendered frame, in px",
+    "objects": "Number of the object at each pixel; objects.json lists names, classes and boxes",
+}
 _LENS_OPTIONS = ("focus_m", "fnumber", "film_width_mm", "film_shift_mm")
 DEFAULT_MODEL = "pecs"
 UNKNOWN = "{name}: not a parameter of this chip or pixel model"
@@ -127,15 +133,18 @@ def _limit_aperture(self, _context) -> None:
 
 
 def _fit_to_chip(self, _context) -> None:
-    """A picture that is larger than the chip gets the chip's size."""
+    """A picture that is larger than the chip gets the chip's size, as does the live view."""
     scene = self.id_data
     try:
         chip = library.chip(self.chip)
     except RuntimeError:  # checks.py reports it
         return
+    if not (chip.width and chip.height):
+        return
     width, height = size(scene)
-    if chip.width and chip.height and (width > chip.width or height > chip.height):
+    if width > chip.width or height > chip.height:
         set_size(scene.render, chip.width, chip.height)
+    scene.pecs_live.width, scene.pecs_live.height = chip.width, chip.height
 
 
 _UPDATES = {"fnumber": _limit_aperture, "chip": _fit_to_chip}
@@ -339,9 +348,9 @@ class PecsSettings(bpy.types.PropertyGroup):
     )
     layers: EnumProperty(
         name="Layers",
-        items=[(name, name.capitalize(), "") for name in LAYERS],
+        items=[(name, name.capitalize(), _LAYERS[name]) for name in LAYERS],
         options={"ENUM_FLAG"},
-        description="Ground-truth layers to render beside the light",
+        description="Ground truth to render with the light, as EXR files in the stack",
     )
     allow_scripts: BoolProperty(
         name="Allow Scripts", description="Run the Python scripts of the .blend (drivers, registered texts)"

@@ -6,11 +6,11 @@
 namespace pecs {
 
 // The path of `name_or_path`: the argument itself if it contains a '/' or ends in ".json", otherwise
-// "<data>/<room>/<name>.json" ("dgauss_50mm" in room "lens_data/lenses"). <data> is $PECS_DATA if set, otherwise
+// "<data>/<folder>/<name>.json" ("dgauss_50mm" in folder "lens_data/lenses"). <data> is $PECS_DATA if set, otherwise
 // "share/pecs" or the checkout above the running program or library. Throws not_found, which lists the available names.
-std::filesystem::path find_data(const std::string& room, const std::string& name_or_path);
+std::filesystem::path find_data(const std::string& folder, const std::string& name_or_path);
 
-// The folder of `room` itself; throws not_found.
-std::filesystem::path data_dir(const std::string& room);
+// The folder of `folder` itself; throws not_found.
+std::filesystem::path data_dir(const std::string& folder);
 
 }  // namespace pecs

@@ -36,7 +36,7 @@ PECS_API const char* pecs_version(void);
 PECS_API void pecs_text_free(char* text);
 
 /* The folder of the data files that ship with PECS: "lens_data/spectra", "sensor/chips", ... */
-PECS_API char* pecs_data_dir(const char* room, pecs_error* error);
+PECS_API char* pecs_data_dir(const char* folder, pecs_error* error);
 
 /* ---- lens (blender_addon/lens) ------------------------------------------------------------------------------- */
 

@@ -19,7 +19,7 @@ from support import ROOT, run_module
 from support.faults import events, refused
 
 learning = partial(run_module, "pecs.learning", check=False)
-ROOMS = ("_files.py", "_config.py")
+READERS = ("_files.py", "_config.py")
 OWN = {  # a file of the package; answers of libpecs; lines of PECS's own programs
     "_arguments.py": {"read_text", "loads"},
     "_library.py": {"loads"},
@@ -37,13 +37,13 @@ def readers(tree):
             yield name
 
 
-def test_every_file_is_read_in_one_room():
+def test_every_file_is_read_by_one_module_of_its_kind():
     example = "json.loads(a.read_text()); torch.load(p); np.load(p)"
     assert sorted(readers(ast.parse(example))) == ["load", "loads", "read_text"]
     for path in sorted((ROOT / "python/pecs").rglob("*.py")):
         name = str(path.relative_to(ROOT / "python/pecs"))
         found = [*readers(ast.parse(path.read_text()))]
-        if name in ROOMS or set(found) <= OWN.get(name, set()):
+        if name in READERS or set(found) <= OWN.get(name, set()):
             continue
         allowed = ["load"] if name == "learning/tensors.py" else ["loads"] if name in ROUND_TRIP else []
         assert found == allowed, f"{name}: {found}: files are read by pecs._files, pecs._config and pecs.datasets.files"

@@ -101,6 +101,12 @@ for lines, text in (
     while job.returncode() is None:
         time.sleep(0.02)
     assert job.step == text and job.text.startswith(text + ", 0:0"), job.text
+lines = ['{"progress": "render", "done": 0, "total": 8}']  # the plan's time, until the first image
+command = [sys.executable, "-c", f"import sys; print({lines[0]!r}, file=sys.stderr)"]
+job = background.BackgroundJob("Render Stack", command, Path("/s"), str, render_s=130.0)
+while job.returncode() is None:
+    time.sleep(0.02)
+assert job.text in ("Image 1 of 8, 2:10 left", "Image 1 of 8, 2:09 left"), job.text
 
 # A child that dies is no "Stopped", and its last line is no error.
 for number, name in ((11, "Segmentation fault"), (9, "Killed")):
@@ -125,7 +131,7 @@ assert (background.state.message, background.state.is_error, background.state.qu
 
 # The windows are drawn again when the text of the job changes, and at its end, not at each poll.
 drawn, shown = [], ["Render 0%"]
-background._redraw = lambda: drawn.append(shown[0])
+background.redraw_panels = lambda: drawn.append(shown[0])
 background.BackgroundJob.text = property(lambda self: shown[0])
 background.start(background.BackgroundJob("Render Stack", [sys.executable, "-c", "input()"], Path("/s"), str))
 for text in ("Render 0%", "Render 0%", "Render 10%", "Render 10%"):

@@ -14,16 +14,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 from pecs_blender import ui
-from pecs_blender.ui import (
-    background,
-    checks,
-    event_operators,
-    event_view,
-    frustum,
-    panel,
-    paths,
-    settings,
-)
+from pecs_blender.ui import background, checks, event_operators, event_view, frustum, panel, paths, settings
 from pecs_blender.ui.interface import AUTO
 
 from support.blend_parts import ball, floor, lamp, material, start
@@ -147,7 +138,7 @@ def _runs(scene, folder):
     bpy.ops.pecs.override_add(name="contrast_threshold_on")
     sensor.overrides[0].value = "0.2"
     message = pressed("run")
-    assert message.startswith(f"{events}: ") and " events, 32x18" in message, message
+    assert f"{events}: " in message and " events, 32x18" in message, message
     record = json.loads((folder / "scene_events/scene.raw.run.json").read_text())
     assert record["config"]["chip"]["values"]["contrast_threshold_on"]["value"] == 0.2
     assert abs(record["config"]["fnumber"] - scene.camera.data.dof.aperture_fstop) < 1e-6  # from the stack
@@ -208,8 +199,19 @@ def _renders_a_new_version(scene, folder):
     assert is_error and background.state.offer_exists and "differs in 'render.samples'" in message, message
     scene.pecs.exists = "new"
     again = folder / "scene_events/scene_002.stack"
+    scene.pecs.layers = {"depth", "normal", "motion", "objects"}
     assert pressed("render") == f"{again}: rendered"
     assert (folder / "scene_events/scene.stack/stack.json").is_file() and paths.rendered(scene) == again
+    assert "Show Depth" in drawn()
+    for name in scene.pecs.layers:
+        bpy.ops.pecs.show_layer(layer=name)
+        image = bpy.data.images[f"PECS {name}"]
+        pixels = np.reshape(image.pixels, (-1, 4))
+        assert pixels.min() >= 0 and pixels.max() <= 1 and pixels[..., :3].std() > 0.02, name
+        assert not image.is_dirty  # Blender does not ask whether to save it
+    for threads in (AUTO["threads"][1], 0):
+        bpy.ops.pecs.auto(owner="pecs", name="threads")
+        assert scene.pecs.threads == threads
     pressed("sense")
     assert "scene_002.stack" in json.dumps(json.loads((folder / "scene_events/scene.npz.run.json").read_text()))
 
@@ -239,6 +241,10 @@ def cube(folder):
     """From Blender's default cube, animated, to events over the viewport: three clicks, or four with the camera's view
     (support/window_acts.py)."""
     bpy.ops.wm.read_factory_settings()
+    unsaved = paths.events(bpy.context.scene)
+    assert unsaved == paths.events(bpy.context.scene) and any("is not saved" in text for text in drawn())
+    bpy.ops.wm.read_factory_settings()  # File > New
+    assert paths.events(bpy.context.scene) != unsaved  # none of the former file
     thing, scene = bpy.data.objects["Cube"], bpy.context.scene
     for frame, x in ((1, -0.7), (24, 0.7)):
         thing.location.x = x
@@ -247,7 +253,7 @@ def cube(folder):
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "cube.blend"))
     bpy.ops.pecs.preset(filepath=str(PRESETS / "Quick_Look.py"))  # two
     assert not checks.problems(scene), checks.problems(scene)
-    pressed("run")
+    assert re.match("Render noise causes [0-9]+% of the events", pressed("run")), background.state.message
     view = event_view.state.view
     covered = []
     for frame in (6, 12, 18):
@@ -259,7 +265,7 @@ def cube(folder):
     assert covered == sorted(covered), covered  # as the cube moves
     image = bpy.data.images.new(event_view.IMAGE, 3, 2)  # of events of another size
     scene.frame_set(7)
-    assert tuple(image.size) == (view.events.width, view.events.height)
+    assert tuple(image.size) == (view.events.width, view.events.height) and not image.is_dirty
     bpy.ops.pecs.override_add("INVOKE_DEFAULT", name="contrast_threshold_on")  # a button of the panel Events
     assert [one.name for one in scene.pecs.sensor.overrides] == ["contrast_threshold_on"]
     assert "ON Threshold" in drawn() and "OFF Threshold" in drawn()
