@@ -159,6 +159,17 @@ TEST_F(Pictures, PageEscapesItsTexts) {
   EXPECT_NE(page.find("<p>&lt;a&amp;&quot;b&quot;&gt;0.253</p>\n<img src=\"&lt;a"), page.npos);
   EXPECT_EQ(page.find("</img>"), page.npos);
   EXPECT_THROW(page_of({{"title", ""}}), Error);
+  for (const auto& [key, words] : {std::pair{"film_width_mm", "film width (mm)"},
+                                   {"rms_px", "RMS (px)"},
+                                   {"speed_most_m_s", "speed highest (m/s)"},
+                                   {"on_share", "share of ON events"},
+                                   {"corner_hz_p05", "corner (Hz), 5 % are below"},
+                                   {"m", "m"},
+                                   {"", ""},
+                                   {"_s", "s"},
+                                   {"left", "left"},
+                                   {"<b>_hz", "&lt;b&gt; (Hz)"}})
+    EXPECT_EQ(html_of(Json::array({"key", key})), words);
   EXPECT_THROW(page_of({{"title", ""}, {"body", Json::array({Json::array()})}}), Error);
 }
 

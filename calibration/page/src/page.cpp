@@ -40,6 +40,7 @@ std::string html_of(const Json& node) {
   if (!node.is_array()) return html_escaped(node.is_string() ? node.get<std::string>() : text_of(node));
   const std::string tag = node.at(0);
   if (tag == "plot") return plot_svg(node.at(1));
+  if (tag == "key") return html_escaped(words_of(node.at(1).get<std::string>()));
   std::string out = "<" + tag;
   const bool has_attributes = node.size() > 1 && (node[1].is_object() || node[1].is_null());
   if (has_attributes)

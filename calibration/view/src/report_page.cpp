@@ -104,9 +104,10 @@ Json rows_of(const Json& object) {
   for (const auto& [key, value] : object.items()) {
     if (key.starts_with('_')) continue;
     if (value.is_object() && value.contains("value"))
-      rows.push_back(row({key, text_of(value["value"]) + " " + text_in(value, "unit"), text_in(value, "about")}));
+      rows.push_back(
+          row({words_of(key), text_of(value["value"]) + " " + text_in(value, "unit"), text_in(value, "about")}));
     else if (!value.is_object() && !value.is_null())
-      rows.push_back(row({key, text_of(value)}));
+      rows.push_back(row({words_of(key), text_of(value)}));
   }
   return rows;
 }

@@ -175,6 +175,8 @@ def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
 
 def _export(folder: Path, name: str, output: Path, line: Line) -> None:
     report = writers.write(name, sequences(folder), output)
+    if unfinished := len([*folder.glob("sequences/*.partial")]):
+        line.note(f"{name}: left out: {unfinished} unfinished sequences")
     for gone in report["left_out"]:
         line.note(f"{name}: left out: {gone['what']}: {gone['why']}")
     print(f"{output}: {name}")

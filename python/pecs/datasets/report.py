@@ -129,21 +129,21 @@ def _quality(checks: dict[str, Any]) -> list[str]:
 
 def _facts(sequence: Sequence) -> Node:
     drawn = sequence.info["drawn"]
-    flat = {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}
-    flat |= {f"scene: {k}": v for k, v in drawn["parameters"].items()}
-    flat |= {f"path: {k}": v for k, v in drawn["trajectory"].items()}
+    groups = {"": {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}}
+    groups |= {"scene": drawn["parameters"], "path": {k: f"{v}" for k, v in drawn["trajectory"].items()}}
     for name, camera in drawn["cameras"].items():
         values = camera | camera["overrides"]
-        flat |= {f"{name}: {k}": v for k, v in values.items() if v is not None and k != "overrides"}
+        groups[name] = {k: v for k, v in values.items() if v is not None and k != "overrides"}
     times, world = sequence.poses()
     speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / np.diff(times) * 1e6
-    flat["speed of the rig [m/s]"] = f"{speed.min():.2f} to {speed.max():.2f}"
-    return table(flat.items())
+    groups["rig"] = {"speed_m_s": f"{speed.min():.2f} to {speed.max():.2f}"}
+    return _numbers(groups)
 
 
 def _numbers(groups: dict[str, Any]) -> Node:
     named = [(group, name, value) for group, values in groups.items() for name, value in (values or {}).items()]
-    return table(row for row in named if not isinstance(row[2], list))
+    shown = (one for one in named if not isinstance(one[2], list))
+    return table((["td", ["key", group]], ["td", ["key", name]], value) for group, name, value in shown)
 
 
 # Pictures: RGB arrays [H, W, 3] u1

@@ -322,6 +322,7 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def sequences(folder: str | PathLike[str], split: str | None = None) -> list[Sequence]:
-    """Open the sequences of a data set in its order: all, or those of a `split` such as "train"."""
+    """Open the complete sequences of a data set in its order: all, or those of a `split` such as "train"."""
     found = sorted(existing(Path(folder) / "sequences", "a data set").glob("*/sequence.json"))
-    return [s for s in (Sequence(path.parent) for path in found) if split in (None, s.split)]
+    opened = (Sequence(path.parent) for path in found if path.parent.suffix != ".partial")
+    return [s for s in opened if split in (None, s.split)]

@@ -158,7 +158,10 @@ def test_pickles_and_reopens(folder):
 
 
 def test_a_set_by_split(folder):
+    unfinished = folder.parent / "0001.partial"
+    shutil.copytree(folder, unfinished)
     assert [s.name for s in sequences(folder.parents[1])] == ["0000"]
+    shutil.rmtree(unfinished)
     assert sequences(folder.parents[1], "val") == []
 
 

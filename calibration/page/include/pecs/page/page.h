@@ -3,6 +3,7 @@
 // file writes HTML.
 #include <map>
 #include <string>
+#include <string_view>
 
 #include "pecs/strict_json.h"
 
@@ -12,9 +13,13 @@ namespace pecs::page {
 //   ["tag", {"attribute": text, ...}, node, ...]    the attributes may be left out
 //   ["plot", {"plot": [{"name", "style", "x": [...], "y": [...], "stems": false}, ...], "x": label, "y": label,
 //             "small": false}]                      style: classes such as "on sim"; null in y: a gap
+//   ["key", "film_width_mm"]                         the key of a record in words, with its unit
 // web/report.html has the classes, and the scripts of "player" and "filter".
 std::string page_of(const Json& page);
 std::string html_of(const Json& node);
+
+// "film width (mm)" of "film_width_mm".
+std::string words_of(std::string_view key);
 
 template <class... Nodes>
 Json element(const char* tag, const Json& attributes, const Nodes&... nodes) {
