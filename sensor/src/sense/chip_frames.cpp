@@ -52,6 +52,7 @@ void ChipFrames::expose(const float* from, const float* to, double from_us, doub
   for (auto k = std::max<std::int64_t>(0, std::llround(std::ceil(earliest_us / period_us_))); begin_us(k) < to_us;
        ++k) {
     if (begin_us(k) + rolled_us + exposure_us_ > to_us_) break;
+    if (begin_us(k) + rolled_us + exposure_us_ <= from_us) continue;  // complete, and perhaps taken
     const auto found = light_.try_emplace(k, width_ * height_).first;
     tbb::parallel_for(rows_.begin, rows_.end, [&](int y) {
       const double row_begin_us = begin_us(k) + row_us_ * y;
