@@ -23,6 +23,7 @@ struct pecs_sensor {
   Sensor sensor;
   tbb::task_arena arena;
   LabelledEvents found{};
+  std::vector<pecs::events::Frame> frames{};
   bool finished = false;
   std::optional<pecs::TimeUnit> unit = {};  // of times, stated by the user
   pecs::FrameUnitCheck unit_check = {};
@@ -40,7 +41,9 @@ pecs_sensor* open_sensor(const pecs::Json& json, const pecs_model* model) {
   const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
-  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), options.stages};
+  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), o.boolean_or("chip_frames", false),
+                            !options.no_noise, options.stages};
+  if (extras.frames) check_has_frames(chip, "chip_frames");
   const auto unit = o.has("time_unit") ? std::optional(pecs::time_unit_from(o.text("time_unit"))) : std::nullopt;
   o.done();
   check_fits(chip, width, height, "frames");
@@ -109,6 +112,7 @@ std::int64_t push(pecs_sensor& s, const float* frames, std::span<const double> t
       s.sensor.push_moving(planes, t_us, motion, static_cast<std::size_t>(channels), last, s.found);
     else
       s.sensor.push(planes, t_us, last, s.found);
+    s.frames = s.sensor.take_frames();
     if (copy) s.not_finite += copy->not_finite, s.negative += copy->negative;
   });
   s.unit_check = unit_check;
@@ -162,6 +166,19 @@ int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, int64_t c
 int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     return pecs::capi::copy_out(given(sensor, "sensor").found.causes, reinterpret_cast<Cause*>(out), capacity);
+  });
+}
+
+int64_t pecs_sensor_frames(const pecs_sensor* sensor, uint16_t* values, int64_t* exposures_us, int* bits,
+                           int64_t capacity, pecs_error* error) {
+  return guard(error, [&] {
+    const auto& frames = given(sensor, "sensor").frames;
+    for (std::size_t i = 0; i < frames.size() && static_cast<std::int64_t>(i) < capacity; ++i) {
+      std::ranges::copy(frames[i].values, values + i * frames[i].values.size());
+      exposures_us[2 * i] = frames[i].begin_us, exposures_us[2 * i + 1] = frames[i].end_us;
+      *bits = frames[i].bits;
+    }
+    return std::ssize(frames);
   });
 }
 

@@ -2,6 +2,8 @@
 
     events = pecs.simulate(frames, t_us, chip="imx636", seed=1)   # frames [T, H, W], linear light
 
+    events, taken = pecs.simulate(frames, t_us, chip="davis346", chip_frames=True)  # and the frames of a DAVIS
+
     with pecs.Sensor(1280, 720) as sensor:                        # frame by frame
         for t_us, frame in camera:
             events = sensor.push(frame, t_us)
@@ -18,7 +20,7 @@ import ctypes
 import warnings
 from collections.abc import Callable, Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +42,7 @@ _push = function("pecs_sensor_push", INT64, *_frames, INT)
 _push_moving = function("pecs_sensor_push_moving", INT64, *_frames, FLOATS, INT, INT)
 _events = function("pecs_sensor_events", INT64, POINTER, POINTER, INT64)
 _labels = function("pecs_sensor_labels", INT64, POINTER, POINTER, INT64)
+_chip_frames = function("pecs_sensor_frames", INT64, POINTER, POINTER, POINTER, ctypes.POINTER(INT), INT64)
 _dropped = function("pecs_sensor_dropped", INT64, POINTER)
 _dropped_by_stage = function("pecs_sensor_dropped_by_stage", POINTER, POINTER)
 _int64 = ctypes.POINTER(ctypes.c_int64)
@@ -50,6 +53,18 @@ _CHUNK_BYTES = 64 << 20
 LABELS = ("signal", "leak", "noise", "hot", "render", "unsure")
 STAGES = ("none", "roi", "mask", "afk", "trail", "erc")  # as numbered in the file of dropped events
 LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1"), ("label", "u1")])
+
+
+class ChipFrames(NamedTuple):
+    """Frames that a DAVIS takes with its event pixels (docs/reference/sensor.md#frames-of-a-davis).
+
+    values: [N, H, W] of the ADC, below 2**bits. begin_us, end_us: [N], exposure of the middle row.
+    """
+
+    values: NDArray[np.uint16]
+    begin_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    bits: int
 
 
 def _as_array(frames: ArrayLike) -> NDArray[Any]:
@@ -131,6 +146,8 @@ class Sensor(Handle):
         Events have a field `label`, the cause as an index into `pecs.sensor.LABELS`. Default False.
     photocurrent_a : float
         Photocurrent [A] of a pixel of value 1 (255 in uint8, 65535 in uint16). Default 1e-12.
+    chip_frames : bool
+        The chip also takes frames (davis346, davis240c): `take_frames`. Default False.
     encoding : str, optional
         "linear" or "srgb". Default: "srgb" for integers, "linear" for floating point.
     time_unit : str, optional
@@ -163,6 +180,8 @@ class Sensor(Handle):
         width: int,
         height: int,
         chip: str | PathLike[str] | Chip = "imx636",
+        *,
+        chip_frames: bool = False,
         **options: Unpack[SensorOptions],
     ):
         self.shape = (height, width)
@@ -172,7 +191,8 @@ class Sensor(Handle):
         self.dropped_by_stage: dict[str, int] = {}  # events that each stage behind it dropped, so far
         self.bad_values = {"not_finite": 0, "negative": 0}  # of the frames, so far
         self._warns = True
-        given = {"width": width, "height": height, "photocurrent_a": 1e-12}
+        self._chip_frames = ChipFrames(np.empty((0, height, width), np.uint16), *np.empty((2, 0), np.int64), 0)
+        given = {"width": width, "height": height, "photocurrent_a": 1e-12, "chip_frames": chip_frames}
         self._raised: list[BaseException] = []  # by a model of the caller's
         text = options_bytes(given | library_options(chip, options, SensorOptions))
         self._model, model = callbacks(options.get("model"), self._raised)
@@ -254,10 +274,28 @@ class Sensor(Handle):
                 plain, out = out, np.empty(len(out), LABELLED_DTYPE)
                 out[list("txyp")] = plain
                 out["label"] = labels
+            self._add_chip_frames(handle)
             self._count_bad_values(handle)
             if last:
                 self.close()
         return Events(out, self.shape[1], self.shape[0])
+
+    def take_frames(self) -> ChipFrames:
+        """Return the frames that the chip completed since the last call, also after `finish`. Exposure k begins k
+        periods after the first light."""
+        values, begin_us, end_us, bits = taken = self._chip_frames
+        self._chip_frames = ChipFrames(values[:0], begin_us[:0], end_us[:0], bits)
+        return taken
+
+    def _add_chip_frames(self, handle: int) -> None:
+        bits = INT()
+        if not (count := _chip_frames(handle, None, None, bits, 0)):
+            return
+        values, exposures = np.empty((count, *self.shape), np.uint16), np.empty((count, 2), np.int64)
+        _chip_frames(handle, values.ctypes.data, exposures.ctypes.data, bits, count)
+        known = self._chip_frames
+        new = zip(known[:3], (values, *exposures.T), strict=True)
+        self._chip_frames = ChipFrames(*map(np.concatenate, new), bits.value)
 
     def _count_bad_values(self, handle: int) -> None:
         counts = ctypes.c_int64(), ctypes.c_int64()
@@ -274,14 +312,39 @@ def _warn(bad_values: Mapping[str, int], depth: int) -> None:
         warnings.warn(f"frames: values that no light has: {counts}", stacklevel=depth + 1)
 
 
+@overload
 def simulate(
     frames: ArrayLike,
     t_us: ArrayLike,
     chip: str | PathLike[str] | Chip = "imx636",
     *,
     progress: Callable[[float], object] | None = None,
+    chip_frames: Literal[False] = False,
     **options: Unpack[SensorOptions],
-) -> Events:
+) -> Events: ...
+
+
+@overload
+def simulate(
+    frames: ArrayLike,
+    t_us: ArrayLike,
+    chip: str | PathLike[str] | Chip = "imx636",
+    *,
+    progress: Callable[[float], object] | None = None,
+    chip_frames: Literal[True],
+    **options: Unpack[SensorOptions],
+) -> tuple[Events, ChipFrames]: ...
+
+
+def simulate(
+    frames: ArrayLike,
+    t_us: ArrayLike,
+    chip: str | PathLike[str] | Chip = "imx636",
+    *,
+    progress: Callable[[float], object] | None = None,
+    chip_frames: bool = False,
+    **options: Unpack[SensorOptions],
+) -> Events | tuple[Events, ChipFrames]:
     """Simulate the events of frames.
 
         events = pecs.simulate(frames, 1000 * np.arange(len(frames)), chip="imx636", photocurrent_a=1e-12)
@@ -296,19 +359,22 @@ def simulate(
         The chip. Default "imx636".
     progress : callable, optional
         Called with the share done, 0 to 1; an exception from it stops the work.
+    chip_frames : bool
+        Also return the frames that the chip takes (davis346, davis240c). Default False.
     **options
         As of `Sensor`.
 
     Returns
     -------
     Events
-        t [us], x, y [pixels], p (1: ON), sorted by t; with `labels=True` also `label`.
+        t [us], x, y [pixels], p (1: ON), sorted by t; with `labels=True` also `label`. With `chip_frames=True`, a pair
+        of these and `ChipFrames`.
     """
     frames, times = _as_array(frames), np.asarray(t_us, np.float64)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
     step = max(1, _CHUNK_BYTES // (4 * max(frames[0].size, 1)))
-    with Sensor(frames.shape[2], frames.shape[1], chip, **options) as sensor:
+    with Sensor(frames.shape[2], frames.shape[1], chip, chip_frames=chip_frames, **options) as sensor:
         sensor._warns = False
         parts = []
         for i in range(0, len(times), step):
@@ -317,4 +383,5 @@ def simulate(
                 progress(min(1.0, (i + step) / len(times)))
         parts.append(sensor.finish())
         _warn(sensor.bad_values, 2)
-        return Events(np.concatenate(parts, dtype=parts[0].dtype), frames.shape[2], frames.shape[1])
+        events = Events(np.concatenate(parts, dtype=parts[0].dtype), frames.shape[2], frames.shape[1])
+        return (events, sensor.take_frames()) if chip_frames else events

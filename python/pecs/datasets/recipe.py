@@ -151,7 +151,7 @@ def _model(table: Table, key: str) -> str:
 @dataclass(frozen=True)
 class CameraEntry:
     """A camera of the rig. pixels_of: the camera whose place, lens and pixels it shares (a beam splitter). options: of
-    its render. camera: of the .blend, whose optics a rig camera with the lens "none" has; by default the active one."""
+    its render. frames: the chip also takes frames (of a DAVIS). camera: of the .blend, whose optics a rig camera with the lens "none" has; by default the active one."""
 
     name: str = key(Table.text)
     kind: str = key(Table.text, choices=("events", "rgb"))
@@ -168,6 +168,7 @@ class CameraEntry:
     overrides: dict[str, Value] = key(Table.all, Table.value, name="set", only=_is_events, absent={})
     biases: dict[str, Value] = key(Table.all, Table.value, name="bias", only=_is_events, absent={})
     stages: dict[str, Any] = key(Table.all, _stage, only=_is_events, absent={})
+    frames: bool = key(Table.flag, False, only=_is_events, absent=False)
     preset: str | None = key(_preset, only=_is_events)
     model: str = key(_model, only=_is_events, absent="pecs")
     partner: str | None = optional(Table.text)

@@ -13,7 +13,7 @@ from . import blender, parameters, rig, scene_cameras, trajectories
 from .plan import OF_SCENE, CameraPlan, Plan, SequencePlan, at
 from .recipe import OWN_LENS, Recipe
 
-WITH_PICTURES = ("evreal", "event_cnn", "radiance")  # exports that require an RGB camera on the pixels of events
+WITH_PICTURES = ("evreal", "event_cnn", "radiance")  # exports that require pictures of the pixels of events
 WITHOUT_EVENTS = ("coco",)
 FIRST = 1000  # sequences among which a scene's first one is looked for
 
@@ -72,11 +72,13 @@ def _exports(plan: Plan) -> None:
     owners: dict[str, set[str]] = {"events": set(), "rgb": set()}
     for entry in plan.recipe.cameras:
         owners[entry.kind].add(plan.pixels[entry.name].owner.name)
+        if entry.frames:
+            owners["rgb"].add(plan.pixels[entry.name].owner.name)
     for name in plan.recipe.export:
         if name not in WITHOUT_EVENTS and not owners["events"]:
             raise bad_input(plan.recipe.path, "export", name, "a rig with an event camera for it")
         if name in WITH_PICTURES and not owners["events"] & owners["rgb"]:
-            wanted = "an RGB camera whose pixels_of is an event camera for it"
+            wanted = "an RGB camera whose pixels_of is an event camera, or an event camera with frames, for it"
             raise bad_input(plan.recipe.path, "export", name, wanted)
 
 
@@ -84,7 +86,8 @@ def _camera(recipe: Recipe, camera: CameraPlan, tried: set[str]) -> None:
     """Opens a camera's sensor and lens, unless they were tried."""
     if camera.entry.kind == "events" and (key := f"{camera.name} {camera.sensor()}") not in tried:
         tried.add(key)
-        sensor.Sensor(camera.pixels.width, camera.pixels.height, **camera.sensor()).close()
+        size, frames = (camera.pixels.width, camera.pixels.height), camera.entry.frames
+        sensor.Sensor(*size, chip_frames=frames, **camera.sensor()).close()
     if (key := f"{camera.name} {camera.fnumber} {camera.focus_m}") not in tried:
         tried.add(key)
         see_corners(recipe, camera)

@@ -277,6 +277,7 @@ def _sense(work: Work, camera: CameraPlan) -> None:
     causes = folder / "causes.npy"
     if not (folder / "events.h5").exists() or not causes.exists():
         work.say(f"{camera.name}: events")
+        shutil.rmtree(folder / "frames", ignore_errors=True)
         options = camera.sensor()
         for key, name in (("chip", "chip.json"), ("mask", "mask.txt")):
             if isinstance(options.get(key), Path):
@@ -289,6 +290,7 @@ def _sense(work: Work, camera: CameraPlan) -> None:
             seed=camera.seed,
             format="dsec",
             labels=causes,
+            frames=folder / "frames" if camera.entry.frames else None,
             duration_us=work.plan.duration_us,
         )
         record = folder / "events.h5.run.json"

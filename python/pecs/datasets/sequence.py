@@ -39,12 +39,12 @@ IMU_DTYPE = np.dtype([("t_us", "<f8"), ("gyro", "<f8", 3), ("accel", "<f8", 3)])
 
 @dataclass(frozen=True)
 class Frame:
-    """An image of an RGB camera. Times are those of the exposure of its middle row [us]."""
+    """An image of an RGB camera, or of a DAVIS. Times are those of the exposure of its middle row [us]."""
 
     start_us: int
     end_us: int
     path: Path
-    sharp_path: Path  # the same instant without motion blur, where the sequence has it
+    sharp_path: Path  # the same instant without motion blur, where the sequence has it (of RGB cameras)
 
     @property
     def middle_us(self) -> float:
@@ -177,12 +177,13 @@ class Camera:
         return follow(self, points_px, at_us, times_us)
 
     def frames(self) -> list[Frame]:
-        """The images of an RGB camera by time; empty for other cameras."""
+        """The images of an RGB camera, or of a DAVIS whose recipe has `frames`, by time; empty for other cameras."""
         return list(self._frames)
 
     @cached_property
     def _frames(self) -> list[Frame]:
-        path = self.folder / "rgb.csv"
+        is_rgb = self.kind == "rgb"
+        path = self.folder / ("rgb.csv" if is_rgb else "frames/exposures.csv")
         if not path.exists():
             return []
         out: list[Frame] = []
@@ -192,7 +193,8 @@ class Camera:
                     path, f"line {number}", (index, start, end), f"index {len(out)}, times that do not fall"
                 )
             name = f"{index:06d}.png"
-            picture = existing(self.folder / "rgb" / name, f"the picture of {path}: line {number}")
+            own = self.folder / (f"rgb/{name}" if is_rgb else f"frames/images/frame_{index:08d}.png")
+            picture = existing(own, f"the picture of {path}: line {number}")
             out.append(Frame(start, end, picture, self.folder / "sharp" / name))
         return out
 
@@ -300,7 +302,9 @@ def same_pixels(a: Camera, b: Camera) -> bool:
 
 
 def frames_of(sequence: Sequence, camera: Camera) -> list[Frame]:
-    """The pictures of the RGB camera that shares an event camera's pixels; [] without one."""
+    """A camera's own pictures, or those of the RGB camera that shares an event camera's pixels; [] without any."""
+    if frames := camera.frames():
+        return frames
     for other in sequence.of_kind("rgb"):
         if same_pixels(camera, other):
             return other.frames()

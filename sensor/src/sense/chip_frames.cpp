@@ -16,13 +16,13 @@ constexpr double kElectronsPerFaUs = 1e-21 / kElectron_c;
 
 }  // namespace
 
-ChipFrames::ChipFrames(const Chip& chip, int width, int height, std::uint64_t seed, bool has_noise,
+ChipFrames::ChipFrames(const Chip& chip, int width, int height, double unit_fa, std::optional<std::uint64_t> seed,
                        std::int64_t from_us, std::int64_t to_us)
     : chip_(chip),
       width_(static_cast<std::size_t>(width)),
       height_(static_cast<std::size_t>(height)),
+      unit_fa_(unit_fa),
       seed_(seed),
-      has_noise_(has_noise),
       from_us_(static_cast<double>(from_us)),
       to_us_(static_cast<double>(to_us)),
       period_us_(chip.frame_period_s * 1e6),
@@ -52,6 +52,7 @@ void ChipFrames::expose(const float* from, const float* to, double from_us, doub
   for (auto k = std::max<std::int64_t>(0, std::llround(std::ceil(earliest_us / period_us_))); begin_us(k) < to_us;
        ++k) {
     if (begin_us(k) + rolled_us + exposure_us_ > to_us_) break;
+    if (begin_us(k) + rolled_us + exposure_us_ <= from_us) continue;  // complete, and perhaps taken
     const auto found = light_.try_emplace(k, width_ * height_).first;
     tbb::parallel_for(rows_.begin, rows_.end, [&](int y) {
       const double row_begin_us = begin_us(k) + row_us_ * y;
@@ -96,10 +97,10 @@ events::Frame ChipFrames::developed(std::int64_t frame, std::span<const double> 
   tbb::parallel_for(std::size_t{0}, height_, [&](std::size_t y) {
     for (std::size_t p = y * width_; p < (y + 1) * width_; ++p) {
       const auto pixel = static_cast<std::uint32_t>(p);
-      double electrons = light[p] * kElectronsPerFaUs + dark_e, dn = chip_.frame_offset_dn;
-      if (has_noise_) {
-        const Random4 fixed = random4(seed_, pixel, -1, Purpose::frame),
-                      r = random4(seed_, pixel, frame, Purpose::frame);
+      double electrons = light[p] * unit_fa_ * kElectronsPerFaUs + dark_e, dn = chip_.frame_offset_dn;
+      if (seed_) {
+        const Random4 fixed = random4(*seed_, pixel, -1, Purpose::frame),
+                      r = random4(*seed_, pixel, frame, Purpose::frame);
         electrons *= std::max(0.0, 1 + chip_.frame_gain_mismatch * gaussian(fixed[0]));
         dn += chip_.frame_offset_mismatch_dn * gaussian(fixed[1]);
         electrons += std::hypot(std::sqrt(electrons), chip_.frame_read_noise_e) * gaussian(r[0]);

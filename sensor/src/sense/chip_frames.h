@@ -4,6 +4,7 @@
 // two planes is linear in time, so planes that follow the motion blur an edge as the exposure does.
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -16,11 +17,12 @@ namespace pecs::sensor {
 
 class ChipFrames {
  public:
-  // Frames whose exposure lies inside [from_us, to_us), on the clock of the light.
-  ChipFrames(const Chip& chip, int width, int height, std::uint64_t seed, bool has_noise, std::int64_t from_us,
-             std::int64_t to_us);
+  // Frames whose exposure lies inside [from_us, to_us), on the clock of the light. unit_fa: photocurrent per unit of the
+  // light. seed: none without noise.
+  ChipFrames(const Chip& chip, int width, int height, double unit_fa, std::optional<std::uint64_t> seed,
+             std::int64_t from_us = 0, std::int64_t to_us = INT64_MAX);
 
-  // Light [fA] of the rows, indexed by the pixel in the whole picture; begins anew with the first time of other rows.
+  // Light of the rows, indexed by the pixel in the whole picture; begins anew with the first time of other rows.
   void add(std::span<const float* const> planes, std::span<const double> t_us, Region rows);
   // The frames that the light so far completes, in order, with times from `from_us`.
   std::vector<events::Frame> take();
@@ -33,15 +35,15 @@ class ChipFrames {
   events::Frame developed(std::int64_t frame, std::span<const double> light) const;
   double begin_us(std::int64_t frame) const { return static_cast<double>(frame) * period_us_; }
 
-  const Chip& chip_;
+  Chip chip_;
   std::size_t width_, height_;
-  std::uint64_t seed_;
-  bool has_noise_;
+  double unit_fa_;
+  std::optional<std::uint64_t> seed_;
   double from_us_, to_us_, period_us_, exposure_us_, row_us_;
   Region rows_{};
   std::vector<float> last_plane_;  // of the rows
   double last_us_ = 0;
-  std::map<std::int64_t, std::vector<double>> light_;  // [fA us] of frames that are not complete
+  std::map<std::int64_t, std::vector<double>> light_;  // [units us] of frames that are not complete
   std::int64_t frames_ = 0, saturated_ = 0;
   double sum_ = 0;  // of all values
 };

@@ -73,6 +73,7 @@ FrameFolder::FrameFolder(fs::path folder, int width, int height)
 }
 
 void FrameFolder::write(const events::Frame& frame) {
+  exposures_ += fmt::format("{},{},{}\n", frames_, frame.begin_us, frame.end_us);
   const std::string name = fmt::format("images/frame_{:08}.png", frames_++);
   const Bytes picture = png(frame, width_, height_);
   write_file(partial_ / name, std::as_bytes(std::span(picture)));
@@ -82,6 +83,7 @@ void FrameFolder::write(const events::Frame& frame) {
 
 void FrameFolder::close() {
   write_file(partial_ / "images.txt", times_);
+  write_file(partial_ / "exposures.csv", exposures_);
   std::error_code ec;
   fs::remove(partial_ / kMark, ec);
   if (const std::string reason = platform::rename_complete(partial_, folder_); !reason.empty())

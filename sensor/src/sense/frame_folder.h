@@ -1,6 +1,7 @@
 #pragma once
 // Frames as PNG in the layout of the Event Camera Dataset (Mueggler et al., IJRR 2017): images/frame_00000000.png, and
-// images.txt with lines "t_s images/frame_00000000.png", t_s being the middle of the exposure.
+// images.txt with lines "t_s images/frame_00000000.png", t_s being the middle of the exposure. exposures.csv has begins
+// and ends.
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -21,7 +22,7 @@ class FrameFolder {
   std::filesystem::path folder_, partial_;
   std::uint32_t width_, height_;
   int frames_ = 0;
-  std::string times_;
+  std::string times_, exposures_ = "index,start_us,end_us\n";
 };
 
 }  // namespace pecs::sensor

@@ -140,8 +140,9 @@ SenseRun::SenseRun(const SenseOptions& options)
       sink_(options, chip_, timeline_) {
   if (moves_ && source_->info().has_noise && options_.render_noise > 0) estimate_noise();
   if (options_.frames)
-    frames_.emplace(chip_, source_->info().width, source_->info().height, options_.seed, !options_.no_noise,
-                    timeline_.from_us(), timeline_.to_us());
+    frames_.emplace(chip_, source_->info().width, source_->info().height, 1.0,
+                    options_.no_noise ? std::nullopt : std::optional(options_.seed), timeline_.from_us(),
+                    timeline_.to_us());
 }
 
 Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
@@ -366,8 +367,7 @@ Chip chip_of(const SenseOptions& options) {
   for (const std::string& part : ignored)
     chip.warnings.push_back(
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
-  if (options.frames && !chip.has_frames())
-    throw Error(ExitCode::usage, fmt::format("--frames: got chip {}, wanted one with frames (pecs chips)", chip.name));
+  if (options.frames) check_has_frames(chip, "--frames");
   return options.no_noise ? without_noise(chip) : chip;
 }
 

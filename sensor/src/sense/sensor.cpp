@@ -9,6 +9,7 @@
 
 #include "light/moving_light.h"
 #include "pecs/error.h"
+#include "sense/chip_frames.h"
 
 namespace pecs::sensor {
 namespace {
@@ -99,6 +100,18 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
       stages_(extras.stages, width, height),
       has_stages_(extras.stages.any()) {
   if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
+  if (extras.frames)
+    frames_ = std::make_unique<ChipFrames>(chip, width, height, unit_fa,
+                                           extras.noise ? std::optional(seed) : std::nullopt);
+}
+
+Sensor::~Sensor() = default;
+
+std::vector<events::Frame> Sensor::take_frames() {
+  if (!frames_) return {};
+  std::vector<events::Frame> out = frames_->take();
+  for (events::Frame& frame : out) frame.begin_us += std::llround(first_us_), frame.end_us += std::llround(first_us_);
+  return out;
 }
 
 void Sensor::push(std::span<const float* const> planes, std::span<const double> t_us, bool last, LabelledEvents& out) {
@@ -138,7 +151,14 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
 
 void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,
                      LabelledEvents& out) {
+  const bool is_first = clock_.frames() == 0;
   const FrameBatch batch = clock_.batch(planes, t_us, last);
+  if (frames_ && !planes.empty()) {
+    if (is_first) first_us_ = t_us.front();
+    std::vector<double> since_first_us(t_us.begin(), t_us.end());
+    for (double& t : since_first_us) t -= first_us_;
+    frames_->add(planes, since_first_us, {0, height_});
+  }
   sorter_.begin(batch.t_us);
   pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);
   if (!readout_ && !has_stages_) return sorter_.take(clock_.final_us(), out);

@@ -110,6 +110,7 @@ WRONG = [
     ("threshold_mismatch = [0.02, 0.03]", "threshold_mismatch = [0.02, 300]", "threshold_mismatch"),
     ("threshold_mismatch = [0.02, 0.03]", "nosuch = 1", "rig.camera left: --set nosuch=1.0: got an unknown key"),
     ("diff_on = [0, 20]", "diff_on = [0, 20000]", "rig.camera left: "),
+    ('chip = "imx636"', 'chip = "imx636"\nframes = true', "rig.camera left: chip_frames: got chip imx636, wanted one"),
     ("stc_us = 1000", "stc_us = -5", "rig.camera left: "),
     ("roi = [[0, 0, 100, 90]]", "roi = [[0, 0, 0, 0]]", "rig.camera left: "),
     ("stc_us = 1000", 'mask = "nosuch.txt"', "rig.camera left: nosuch.txt"),

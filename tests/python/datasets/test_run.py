@@ -23,6 +23,7 @@ pytest.importorskip("cv2")
 pytest.importorskip("h5py")
 
 from pecs.datasets import Sequence  # noqa: E402
+from pecs.datasets.sequence import frames_of  # noqa: E402
 
 RECIPE = f"""
 name = "small"
@@ -168,6 +169,7 @@ yaw_deg = 90
 name = "left"
 kind = "events"
 chip = "davis346"
+frames = true
 VIEW
 [[rig.camera]]
 name = "frame"
@@ -189,6 +191,17 @@ fps = 50
 """
 VIEW = 'lens = "cmount_5mm_f2p8"\nfnumber = 4\nfocus_m = 2\nwidth = 72\nheight = 54'
 EXPOSURES = "fps = 40\nexposure_ms = 3\nphase_ms = 9"
+
+
+def test_a_davis_takes_frames_of_the_light_of_its_events(films):
+    left = films.cameras["left"]
+    frames = left.frames()
+    assert [(f.start_us, f.end_us) for f in frames] == [(20_000, 30_000)]  # periods of 40 ms from a warm-up of 20 ms on
+    assert frames_of(films, left) == frames
+    with pecs.Light(left.stack_folder, "davis346") as light:
+        for frame in frames:
+            mean_a = light.exposure(frame.start_us, 10_000)[0]
+            assert np.corrcoef(mean_a.ravel(), read_png(frame.path).ravel())[0, 1] > 0.9
 
 
 @pytest.mark.parametrize("name", ["film", "frame"])  # on its own pixels, and on those of the event camera

@@ -243,6 +243,23 @@ def test_ros_by_rosbags(sequence, exported):
     assert "normals, masks, boxes, causes, objects" in left_out(report)
 
 
+def test_ros_images_of_a_davis_are_grey(tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    folder = small.write(tmp_path / "0000")
+    taken = np.random.default_rng(1).integers(0, 1024, (2, H, W)).astype(np.uint16) << 6  # the ADC's upper bits
+    (folder / "right/frames/images").mkdir(parents=True)
+    for i, picture in enumerate(taken):
+        cv2.imwrite(str(folder / f"right/frames/images/frame_{i:08d}.png"), picture)
+    (folder / "right/frames/exposures.csv").write_text("index,start_us,end_us\n0,0,10000\n1,40000,50000\n")
+    writers.write("ros", [pecs.datasets.Sequence(folder)], tmp_path / "r")
+    with AnyReader([tmp_path / "r" / "0000"]) as reader:
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cam1/image_raw"]
+    for image, picture, t_ms in zip(messages, taken, (5, 45), strict=True):
+        assert (image.encoding, image.step, image.header.stamp.nanosec) == ("mono8", W, t_ms * 10**6)
+        np.testing.assert_array_equal(image.data.reshape(H, W), picture >> 8)
+
+
 def test_ros1_by_import_rosbag(sequence, tmp_path, outside):
     """A bag of ROS 1 by an independent reader: events, pose, IMU, picture, flow."""
     writers.write("ros", [sequence], tmp_path / "r", storage="ros1")

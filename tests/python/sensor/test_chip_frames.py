@@ -22,7 +22,10 @@ def values(folder, bits=10):
     rows = [line.split() for line in (folder / "images.txt").read_text().splitlines()]
     pictures = np.array([cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for _, name in rows])
     assert pictures.dtype == np.uint16 and not (pictures & (1 << 16 - bits) - 1).any()
-    return (pictures >> 16 - bits).astype(int), np.array([round(float(t) * 1e6) for t, _ in rows])
+    t_us = np.array([round(float(t) * 1e6) for t, _ in rows])
+    exposures = np.loadtxt(folder / "exposures.csv", np.int64, delimiter=",", skiprows=1, ndmin=2)
+    assert (exposures[:, 0] == range(len(t_us))).all() and (exposures[:, 1:].sum(1) // 2 == t_us).all()
+    return (pictures >> 16 - bits).astype(int), t_us
 
 
 def take(stack, tmp_path, name="frames", chip=CHIP, bits=10, **options):
@@ -133,6 +136,30 @@ def test_aedat4_holds_frames_among_events(moving, tmp_path, pecs_program):
             assert packets[k - 1][-1] < packet <= packets[k + 1][0]
 
 
+@pytest.mark.parametrize("step", [1, 7, 100])
+def test_frames_in_memory_are_those_of_the_program(step, tmp_path):
+    """For any chunks of frames, and from any time on."""
+    chip = dict(chip=CHIP, overrides={"frame_period_s": 0.009, "frame_exposure_s": 0.003}, seed=5, readout="ideal")
+    light, times = np.random.default_rng(1).random((40, 24, 32)).astype(np.float32), 2000.0 * np.arange(40)
+    with StackWriter(tmp_path / "s", stack_json(32, 24, [round(1000 * t) for t in times])) as writer:
+        for i, frame in enumerate(light):
+            writer.write_frame(i, frame[None])
+    unit_a = float(pecs.Chip(CHIP).photocurrent(tmp_path / "s", [0], gain=1)[0].max() / light[0].max())
+    pecs.sense(tmp_path / "s", tmp_path / "o.npz", frames=tmp_path / "f", gain=1e-12 / unit_a, **chip)
+    wanted, middle_us = values(tmp_path / "f")
+    with pecs.Sensor(32, 24, photocurrent_a=1e-12, chip_frames=True, **chip) as sensor:
+        for i in range(0, 40, step):
+            sensor.push(light[i : i + step], 5e6 + times[i : i + step])
+        sensor.finish()
+        taken = sensor.take_frames()
+        assert len(sensor.take_frames().values) == 0
+    assert len(wanted) == 9 and wanted.std() > 50 and taken.bits == 10 and taken.values.dtype == np.uint16
+    assert (taken.end_us - taken.begin_us == 3000).all() and (taken.begin_us + 1500 - 5_000_000 == middle_us).all()
+    assert np.abs(taken.values.astype(int) - wanted).max() <= 1  # the unit is rounded
+    whole = pecs.simulate(light, 5e6 + times, photocurrent_a=1e-12, chip_frames=True, **chip)[1]
+    assert np.array_equal(whole.values, taken.values)
+
+
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
@@ -149,3 +176,8 @@ def test_wrong_frames(args, code, words, moving, tmp_path, pecs_program):
     done = pecs_program("sense", moving, "-o", tmp_path / "o.npz", "--quiet", *[names.get(a, a) for a in args])
     assert done.returncode == code and words in done.stderr, done.stderr
     assert not (tmp_path / "f").exists()
+
+
+def test_a_chip_without_frames_takes_none_in_memory():
+    with pytest.raises(pecs.PecsInputError, match="chip_frames: got chip imx636, wanted one with frames"):
+        pecs.Sensor(8, 8, chip_frames=True)

@@ -63,13 +63,13 @@ def _cameras(sequence: Sequence) -> list[Camera]:
 def _streams(
     bag: ros.Bag, at: str, sequence: Sequence, camera: Camera, messages: str, report: Report
 ) -> list[Iterator[Message]]:
-    frames = camera.frames() if camera.kind == "rgb" else frames_of(sequence, camera)
+    frames = frames_of(sequence, camera)
     streams = [_images(bag, at, camera, frames), _poses(bag, at, camera)]
     if camera.kind == "events":
         ros.check_size(camera.events_path, camera.width, camera.height, messages)
         streams.append(_events(bag, at, camera, messages))
     if not frames:
-        report.leave_out(f"image_raw of camera {camera.name}", "no RGB camera has its pixels", sequence.name)
+        report.leave_out(f"image_raw of camera {camera.name}", "it takes no frames, and no RGB camera has its pixels", sequence.name)
     if camera.has_truth and "depth" in camera.truth.layers:
         streams.append(_depth(bag, at, camera))
     if camera.has_truth and "motion" in camera.truth.layers:
@@ -105,7 +105,9 @@ def _images(bag: ros.Bag, at: str, camera: Camera, frames: list[Frame]) -> Itera
         yield _camera_info(bag, f"{at}/camera_info", t_us, camera)
         for frame in frames:
             if frame.middle_us == t_us:
-                yield _image(bag, f"{at}/image_raw", t_us, camera.name, "rgb8", read_picture(frame.path))
+                picture, grey = read_picture(frame.path), bool(camera.kind == "events" and camera.frames())
+                picture, encoding = (picture[..., :1], "mono8") if grey else (picture, "rgb8")  # of a DAVIS's driver
+                yield _image(bag, f"{at}/image_raw", t_us, camera.name, encoding, picture)
 
 
 def _camera_info(bag: ros.Bag, at: str, t_us: float, camera: Camera) -> Message:

@@ -122,6 +122,7 @@ Chip without_noise(Chip chip);
 
 // Throws bad_input for a picture larger than the chip, naming `source`.
 void check_fits(const Chip& chip, int width, int height, const std::string& source);
+void check_has_frames(const Chip& chip, const std::string& option);  // throws usage
 
 // All values with their units and the relative quantum efficiency, after overrides, for run records.
 Json chip_to_json(const Chip& chip);

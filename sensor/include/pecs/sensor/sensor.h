@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "pecs/events/format.h"
 #include "pecs/sensor/event_sorter.h"
 #include "pecs/sensor/pixel_model.h"
 #include "pecs/sensor/readout.h"
@@ -48,14 +49,19 @@ class PixelArray {
 struct SensorExtras {
   bool readout = false;  // the chip's row arbiter and time base; else events keep their times
   bool causes = false;   // report causes (models with tells_causes)
+  bool frames = false;   // those of a chip that has_frames()
+  bool noise = true;     // of the frames; that of the events is the chip's
   StageOptions stages = {};
 };
+
+class ChipFrames;
 
 class Sensor {
  public:
   // unit_fa: photocurrent [fA] per unit of the planes' values. Throws bad_input, and usage for a wrong model.
   Sensor(const Chip& chip, int width, int height, std::uint64_t seed, double unit_fa, const ModelChoice& model = {},
          const SensorExtras& extras = {});
+  ~Sensor();
   int width() const { return width_; }
   int height() const { return height_; }
 
@@ -67,6 +73,9 @@ class Sensor {
   // for another number of channels.
   void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
                    std::size_t channels, bool last, LabelledEvents& events);
+  // Frames that the chip completed since the last call, on the clock of the light; exposure k begins k periods after the
+  // first light.
+  std::vector<events::Frame> take_frames();
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
   const StageCounts& dropped_by_stage() const { return stages_.counts(); }
 
@@ -79,6 +88,8 @@ class Sensor {
   EventSorter sorter_;
   FrameClock clock_;
   std::optional<Readout> readout_;
+  std::unique_ptr<ChipFrames> frames_;
+  double first_us_ = 0;
   EventStages stages_;
   bool has_stages_;
   LabelledEvents fired_, sent_;  // by the pixels; by the readout
