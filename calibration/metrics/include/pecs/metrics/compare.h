@@ -25,10 +25,6 @@ struct CompareOptions {
       {};  // in the real recording, with its clock: also compares the delays behind its edges
 };
 
-struct Interval {
-  double low = 0, high = 0;
-};
-
 struct StreamSummary {
   std::size_t events = 0;
   std::int64_t t_first_us = 0, t_last_us = 0;  // of the whole stream, clock of the file
