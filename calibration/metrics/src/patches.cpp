@@ -71,19 +71,20 @@ struct Pattern {
 // Counts of the pixels in the four quarters of the time.
 using Quarters = std::array<Bordered<float>, 4>;
 
-// Pixels with more than three times the events of their neighbours, in either half.
+// Pixels with more than three times the events of their neighbours, in both halves of the time.
 std::vector<bool> hot_pixels(const Quarters& counts, int width, int height) {
   std::vector<bool> hot(counts[0].values.size());
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const std::size_t pixel = counts[0].at(x, y);
-      const auto count = [&](std::size_t k) {
-        return counts[0].values[k] + counts[1].values[k] + counts[2].values[k] + counts[3].values[k];
-      };
-      std::array<float, 8> others{};
-      std::ranges::transform(counts[0].around(pixel), others.begin(), count);
-      std::ranges::nth_element(others, others.begin() + 5);
-      hot[pixel] = count(pixel) + 2 > 3 * (others[5] + 2);
+      hot[pixel] = true;
+      for (const std::size_t q : {0, 2}) {
+        const auto count = [&](std::size_t k) { return counts[q].values[k] + counts[q + 1].values[k] + 2; };
+        std::array<float, 8> others{};
+        std::ranges::transform(counts[0].around(pixel), others.begin(), count);
+        std::ranges::nth_element(others, others.begin() + 5);  // above the median: other hot pixels may be there
+        if (count(pixel) <= 3 * others[5]) hot[pixel] = false;
+      }
     }
   return hot;
 }
@@ -112,6 +113,7 @@ std::vector<Pattern> patterns_of(const Quarters& counts, const std::vector<bool>
         p.hot += own[0] + own[1], ++p.hot_pixels;
         continue;
       }
+      for (std::size_t q = 0; q < 2; ++q) own[q] = std::min(own[q], 3 * mean[q] + 3);
       p.covariance += (own[0] - mean[0]) * (own[1] - mean[1]);
       p.square += mean[0] * mean[1];
     }
@@ -119,7 +121,7 @@ std::vector<Pattern> patterns_of(const Quarters& counts, const std::vector<bool>
 }
 
 struct Sums {
-  int n = 0, equal = 0, isolated = 0;
+  int n = 0, all = 0, equal = 0, isolated = 0;  // n: not isolated
   std::int64_t before_us = -1;
   double interval = 0, neighbour = 0;
   std::array<int, 2> of{};
@@ -130,8 +132,10 @@ struct Sums {
     const auto bin = [](float value) {
       return static_cast<std::size_t>(std::ranges::upper_bound(kEdges, value) - kEdges.begin());
     };
-    ++n, ++of[e.p], equal += e.t_us == before_us, isolated += a.isolated;
+    equal += e.t_us == before_us, ++all, isolated += a.isolated;
     before_us = e.t_us;
+    if (a.isolated) return;
+    ++n, ++of[e.p];
     if (a.interval >= 0)
       interval += a.interval, ++intervals[2 * e.p + static_cast<std::size_t>(a.opposite)][bin(a.interval)];
     else
@@ -146,10 +150,11 @@ struct Sums {
     const auto shares = [&](const auto& bins, int total) {
       for (std::size_t k = 0; k + 1 < bins.size(); ++k) put(double(bins[k]) / std::max(total, 1));
     };
-    put(std::log10(n)), put(double(equal) / n);
+    put(std::log10(n)), put(double(equal) / all);
     put(p.hot / std::max(p.all, 1.0)), put(p.hot_pixels);
     put(p.square > 0 ? p.covariance / p.square : 0);
-    put(double(isolated) / n), put(double(of[1]) / n), put(p.on / std::max(p.all - p.hot, 1.0));
+    put(double(isolated) / all), put(isolated);
+    put(double(of[1]) / n), put(p.on / std::max(p.all - p.hot, 1.0));
     put(interval / n);
     for (std::size_t k = 0; k < 4; ++k) shares(intervals[k], of[k / 2]);
     put(neighbour / n);
@@ -162,7 +167,8 @@ struct Sums {
 
 }  // namespace
 
-std::vector<Patch> patches_of(std::span<const Event> all, int width, int height, std::int64_t end_us) {
+std::vector<Patch> patches_of(std::span<const Event> all, int width, int height, std::int64_t end_us,
+                              std::int64_t tick_us) {
   // Hot pixels are a cue, and in no other cue.
   const Bordered<float> none(width, height, 0);
   Quarters counts{none, none, none, none};
@@ -171,7 +177,17 @@ std::vector<Patch> patches_of(std::span<const Event> all, int width, int height,
   std::vector<Event> events;
   std::ranges::copy_if(all, std::back_inserter(events), [&](const Event& e) { return !hot[none.at(e.x, e.y)]; });
 
-  auto around = around_of(events, width, height);
+  // So are isolated events.
+  std::vector<Event> coarse = events;
+  for (Event& e : coarse) e.t_us -= e.t_us % tick_us;
+  auto around = around_of(coarse, width, height);
+  std::vector<Event> supported;
+  for (std::size_t i = 0; i < coarse.size(); ++i)
+    if (!around[i].isolated) supported.push_back(coarse[i]);
+  const auto among_supported = around_of(supported, width, height);
+  for (std::size_t i = 0, k = 0; i < around.size(); ++i)
+    if (!around[i].isolated) around[i] = among_supported[k++], around[i].isolated = false;
+
   std::array patterns{patterns_of(counts, hot, width, height, 0), patterns_of(counts, hot, width, height, 1)};
   const int columns = width / kPatch, rows = height / kPatch;
   const auto block_of = [&](const Event& e) { return static_cast<std::size_t>(e.y / kPatch * columns + e.x / kPatch); };

@@ -15,7 +15,7 @@ namespace {
 
 using events::Event;
 
-constexpr int kFolds = 4, kLevels = 11, kDraws = 300;
+constexpr int kFolds = 4, kLevels = 9, kDraws = 300;
 constexpr double kTie = 0.05;  // of areas
 constexpr double kRidge = 3;
 constexpr std::size_t kLeastPatches = 10;  // of a class in a fold
@@ -28,7 +28,7 @@ struct Row {
   double weight = 1;
 };
 
-// Logistic regression on features in bins, with a ridge: eighths of the patches, and quarters of the range, so that a
+// Logistic regression on features in bins, with a ridge: sixths of the patches, and quarters of the range, so that a
 // value in a gap between the classes is in neither's bin.
 class Regression {
  public:
@@ -38,7 +38,7 @@ class Regression {
       for (const Row& r : rows) values.push_back(r.patch->values[static_cast<std::size_t>(f)]);
       std::sort(values.begin(), values.end());
       std::vector<float> edges;
-      for (std::size_t k = 1; k < 8; ++k) edges.push_back(values[values.size() * k / 8]);
+      for (std::size_t k = 1; k < 6; ++k) edges.push_back(values[values.size() * k / 6]);
       for (const float part : {0.25F, 0.5F, 0.75F}) edges.push_back(std::lerp(values.front(), values.back(), part));
       std::sort(edges.begin(), edges.end());
       edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
@@ -59,7 +59,7 @@ class Regression {
         }
       }
       const double before = loss(rows, at);
-      Eigen::VectorXd change = hessian.ldlt().solve(gradient);
+      Eigen::VectorXd change = hessian.llt().solve(gradient);
       coefficients_ -= change;
       while (loss(rows, at) > before && change.cwiseAbs().maxCoeff() > 1e-4) change /= 2, coefficients_ += change;
       if (change.cwiseAbs().maxCoeff() < 1e-3) break;
@@ -173,6 +173,13 @@ bool weigh(std::vector<Row>& rows, bool matched) {
   });
 }
 
+// Largest time of which all times from the first event are multiples.
+std::int64_t tick_of(const std::vector<Event>& events) {
+  std::int64_t tick = 0;
+  for (const Event& e : events) tick = std::gcd(tick, e.t_us - events.front().t_us);
+  return std::max<std::int64_t>(1, tick);
+}
+
 std::vector<int> range(int first, int count) {
   std::vector<int> out(static_cast<std::size_t>(count));
   std::iota(out.begin(), out.end(), first);
@@ -182,7 +189,7 @@ std::vector<int> range(int first, int count) {
 // The strongest cues but rate that are not chance, at most two. What changes other cues as well stands before them in
 // kCueGroups, and is named before them unless it is weaker by kTie.
 std::vector<std::string> named(std::vector<Cue> cues) {
-  std::erase_if(cues, [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5; });
+  std::erase_if(cues, [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5 || c.auc.value < 0.5 + kTie; });
   std::vector<std::string> names;
   while (!cues.empty() && names.size() < 2) {
     const auto most = std::ranges::max(cues, {}, [](const Cue& c) { return c.auc.value; }).auc.value;
@@ -222,13 +229,14 @@ Json json_of(const Auc& a) { return {{"auc", a.value}, {"interval", {a.interval.
 std::optional<Realism> realism(const events::Stream& real, const events::Stream& sim, std::uint64_t seed) {
   if (real.events.empty() || sim.events.empty()) return {};
   const std::int64_t end_us = std::min(real.events.back().t_us, sim.events.back().t_us) + 1;
+  const std::int64_t tick_us = std::max(tick_of(real.events), tick_of(sim.events));
   const auto patches = [&](const events::Stream& s) {
     std::vector<Event> events(s.events.begin(),
                               std::find_if(s.events.begin(), s.events.end(), [&](auto& e) { return e.t_us >= end_us; }));
     std::sort(events.begin(), events.end(), [](const Event& a, const Event& b) {  // whatever the file's order
       return std::tie(a.t_us, a.y, a.x, a.p) < std::tie(b.t_us, b.y, b.x, b.p);
     });
-    return patches_of(events, s.info.width, s.info.height, end_us);
+    return patches_of(events, s.info.width, s.info.height, end_us, tick_us);
   };
   const auto real_patches = patches(real), sim_patches = patches(sim);
 
