@@ -10,8 +10,8 @@ using events::Event;
 
 constexpr int kPatch = 32, kLeast = 20;
 constexpr std::int64_t kTime_us = 10'000, kNever = -1'000'000, kIsolated_us = 5000;
-constexpr std::array<float, 5> kEdges{2.5F, 3, 3.5F, 4, 4.5F};  // log10 us
-constexpr std::size_t kBins = kEdges.size() + 1;
+constexpr std::array<float, 5> kGapEdges{2.5F, 3, 3.5F, 4, 4.5F};  // log10 us
+constexpr std::size_t kGapBins = kGapEdges.size() + 1;
 
 float log10_us(std::int64_t t) { return std::log10(static_cast<float>(std::clamp<std::int64_t>(t, 1, 1'000'000))); }
 
@@ -125,12 +125,12 @@ struct Sums {
   std::int64_t before_us = -1;
   double interval = 0, neighbour = 0;
   std::array<int, 2> of{};
-  std::array<std::array<int, kBins>, 4> intervals{};  // by polarity and whether the one before was the other
-  std::array<std::array<int, kBins>, 2> neighbours{};
+  std::array<std::array<int, kGapBins>, 4> intervals{};  // by polarity and whether the one before was the other
+  std::array<std::array<int, kGapBins>, 2> neighbours{};
 
   void add(const Event& e, const Around& a) {
     const auto bin = [](float value) {
-      return static_cast<std::size_t>(std::ranges::upper_bound(kEdges, value) - kEdges.begin());
+      return static_cast<std::size_t>(std::ranges::upper_bound(kGapEdges, value) - kGapEdges.begin());
     };
     equal += e.t_us == before_us, ++all, isolated += a.isolated;
     before_us = e.t_us;

@@ -1,5 +1,7 @@
 #include "pecs/metrics/realism.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -72,9 +74,9 @@ class Regression {
   std::vector<Eigen::Index> columns(const Patch& patch) const {
     std::vector<Eigen::Index> at{0};
     for (std::size_t k = 0; k < features_.size(); ++k) {
-      const auto bin = std::upper_bound(edges_[k].begin(), edges_[k].end(),
-                                        patch.values[static_cast<std::size_t>(features_[k])]) -
-                       edges_[k].begin();
+      const auto bin =
+          std::upper_bound(edges_[k].begin(), edges_[k].end(), patch.values[static_cast<std::size_t>(features_[k])]) -
+          edges_[k].begin();
       at.push_back(1 + static_cast<Eigen::Index>(k) * kLevels + bin);
     }
     return at;
@@ -168,9 +170,8 @@ bool weigh(std::vector<Row>& rows, bool matched) {
     there[static_cast<std::size_t>(r.patch->fold)][static_cast<std::size_t>(r.label)] += r.weight > 0;
   }
   std::erase_if(rows, [](const Row& r) { return r.weight == 0; });
-  return std::all_of(there.begin(), there.end(), [](const auto& n) {
-    return static_cast<std::size_t>(std::min(n[0], n[1])) >= kLeastPatches;
-  });
+  return std::all_of(there.begin(), there.end(),
+                     [](const auto& n) { return static_cast<std::size_t>(std::min(n[0], n[1])) >= kLeastPatches; });
 }
 
 // Largest time of which all times from the first event are multiples.
@@ -189,7 +190,8 @@ std::vector<int> range(int first, int count) {
 // The strongest cues but rate that are not chance, at most two. What changes other cues as well stands before them in
 // kCueGroups, and is named before them unless it is weaker by kTie.
 std::vector<std::string> named(std::vector<Cue> cues) {
-  std::erase_if(cues, [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5 || c.auc.value < 0.5 + kTie; });
+  std::erase_if(cues,
+                [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5 || c.auc.value < 0.5 + kTie; });
   std::vector<std::string> names;
   while (!cues.empty() && names.size() < 2) {
     const auto most = std::ranges::max(cues, {}, [](const Cue& c) { return c.auc.value; }).auc.value;
@@ -231,8 +233,8 @@ std::optional<Realism> realism(const events::Stream& real, const events::Stream&
   const std::int64_t end_us = std::min(real.events.back().t_us, sim.events.back().t_us) + 1;
   const std::int64_t tick_us = std::max(tick_of(real.events), tick_of(sim.events));
   const auto patches = [&](const events::Stream& s) {
-    std::vector<Event> events(s.events.begin(),
-                              std::find_if(s.events.begin(), s.events.end(), [&](auto& e) { return e.t_us >= end_us; }));
+    std::vector<Event> events(
+        s.events.begin(), std::find_if(s.events.begin(), s.events.end(), [&](auto& e) { return e.t_us >= end_us; }));
     std::sort(events.begin(), events.end(), [](const Event& a, const Event& b) {  // whatever the file's order
       return std::tie(a.t_us, a.y, a.x, a.p) < std::tie(b.t_us, b.y, b.x, b.p);
     });
@@ -268,6 +270,32 @@ std::optional<Realism> realism(const events::Stream& real, const events::Stream&
   }
   r.named = named(r.cues);
   return r;
+}
+
+std::vector<std::string> sentences(const Realism& r) {
+  std::vector<std::string> found{fmt::format(
+      "Realism: a classifier tells patches of the simulation from patches of the recording with an area under the "
+      "curve "
+      "of {:.2f} ({:.2f} to {:.2f}); 0.5 is chance, 1 is always. Recording against itself: {:.2f} ({:.2f} to {:.2f}).",
+      r.all.value, r.all.interval.low, r.all.interval.high, r.floor.value, r.floor.interval.low,
+      r.floor.interval.high)};
+  for (const std::string& name : r.named) {
+    const Cue& c = *std::ranges::find(r.cues, name, &Cue::name);
+    found.push_back(fmt::format(
+        "{} cue: {} (area {:.2f}). Among patches of equal numbers of events, the {} is {:.3g} in the recording and "
+        "{:.3g} "
+        "in the simulation. To change: {}.",
+        found.size() == 1 ? "Strongest" : "Second", c.name, c.auc.value, c.quantity, c.real, c.sim, c.values));
+  }
+  const Cue& rate = r.cues.front();
+  if (rate.auc.interval.low > 0.5)
+    found.push_back(
+        fmt::format("Patches have {:.3g} events in the recording and {:.3g} in the simulation (area {:.2f}). "
+                    "To change: {}.",
+                    rate.real, rate.sim, rate.auc.value, rate.values));
+  else if (r.named.empty())
+    found.emplace_back("No cue alone tells them apart.");
+  return found;
 }
 
 Json to_json(const Realism& r) {

@@ -32,9 +32,16 @@ struct Realism {
   std::size_t real_patches = 0, sim_patches = 0;
 };
 
+// What a stream must have in each quarter of time and sensor.
+inline constexpr const char* kRealismRequires =
+    "10 patches (32x32 pixels, 10 ms) with 20 events in each quarter of both files (half of time and sensor)";
+
 // Streams in time order, times from the origin. Both are cut to the shorter one. Empty if a quarter of one has too few
 // patches of at least 20 events.
 std::optional<Realism> realism(const events::Stream& real, const events::Stream& sim, std::uint64_t seed);
+
+// How well the streams are told apart, by what, and which values change it.
+std::vector<std::string> sentences(const Realism& realism);
 
 Json to_json(const Realism& realism);
 
