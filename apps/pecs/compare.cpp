@@ -23,15 +23,40 @@ struct CompareArguments {
   double window_us = 0;
   std::string normalisation = "shared", origin = "first-event";
   std::uint64_t seed = 1;
-  bool json = false;
+  bool realism = false, json = false;
 };
 
 std::string or_none(const std::optional<double>& value) { return value ? fmt::format("{:.3f}", *value) : "none"; }
 
-void print_table(const metrics::Comparison& c, const CompareArguments& a) {
-  const auto row = [](const char* name, const std::string& value, const std::string& floor, const std::string& note) {
-    fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
+void row(const char* name, const std::string& value, const std::string& floor, const std::string& note) {
+  fmt::print("{:<22}{:>14}{:>14}  {}\n", name, value, floor, note);
+}
+
+void print_delays(const metrics::DelayComparison& e) {
+  fmt::print("\n");
+  row("delay behind the edge", "REAL", "SIM", "(degrees; 10, 50, 90 %)");
+  const auto quantiles = [](const metrics::Delays& s, std::size_t p) -> std::string {
+    const auto& q = s.quantiles_deg[p];
+    return q ? fmt::format("{:.0f} {:.0f} {:.0f}", (*q)[0], (*q)[1], (*q)[2]) : "none";
   };
+  for (const std::size_t p : {1, 0})
+    row(p ? "ON" : "OFF", quantiles(e.real, p), quantiles(e.sim, p),
+        fmt::format("overlap {}, earth mover's distance {} deg; events per edge {:.3f}, {:.3f}", or_none(e.overlap[p]),
+                    or_none(e.earth_mover_deg[p]), e.real.per_edge[p], e.sim.per_edge[p]));
+  row("sd of ON + next OFF", or_none(e.real.pair_sd_deg), or_none(e.sim.pair_sd_deg), "");
+}
+
+void print_realism(const metrics::Realism& r) {
+  fmt::print("\n");
+  row("cue", "REAL", "SIM", "area under the curve of a classifier that sees it alone (0.5: chance)");
+  for (const auto& c : r.cues)
+    row(c.name.c_str(), fmt::format("{:.3g}", c.real), fmt::format("{:.3g}", c.sim),
+        fmt::format("{:.2f} ({:.2f} to {:.2f}); {}", c.auc.value, c.auc.interval.low, c.auc.interval.high, c.quantity));
+  fmt::print("\n");
+  for (const auto& sentence : metrics::sentences(r)) fmt::print("{}\n", sentence);
+}
+
+void print_table(const metrics::Comparison& c, const CompareArguments& a) {
   const auto parts = [](const std::array<double, 2>& p) {
     return fmt::format("REAL to SIM {:.4f}, SIM to REAL {:.4f}", p[0], p[1]);
   };
@@ -60,20 +85,8 @@ void print_table(const metrics::Comparison& c, const CompareArguments& a) {
       fmt::format("earth mover's distance {} decades", or_none(c.interval_distance_decades)));
   fmt::print("{:<50}  correlation of the event maps: all {}, ON {}, OFF {}\n", "", or_none(c.map_correlation),
              or_none(c.on_map_correlation), or_none(c.off_map_correlation));
-  if (!c.delays) return;
-
-  const auto& e = *c.delays;
-  fmt::print("\n");
-  row("delay behind the edge", "REAL", "SIM", "(degrees; 10, 50, 90 %)");
-  const auto quantiles = [](const metrics::Delays& s, std::size_t p) -> std::string {
-    const auto& q = s.quantiles_deg[p];
-    return q ? fmt::format("{:.0f} {:.0f} {:.0f}", (*q)[0], (*q)[1], (*q)[2]) : "none";
-  };
-  for (const std::size_t p : {1, 0})
-    row(p ? "ON" : "OFF", quantiles(e.real, p), quantiles(e.sim, p),
-        fmt::format("overlap {}, earth mover's distance {} deg; events per edge {:.3f}, {:.3f}", or_none(e.overlap[p]),
-                    or_none(e.earth_mover_deg[p]), e.real.per_edge[p], e.sim.per_edge[p]));
-  row("sd of ON + next OFF", or_none(e.real.pair_sd_deg), or_none(e.sim.pair_sd_deg), "");
+  if (c.delays) print_delays(*c.delays);
+  if (c.realism) print_realism(*c.realism);
 }
 
 // `from`: "find", or a file with the output of `pecs align detect --json`.
@@ -91,6 +104,7 @@ void run(const CompareArguments& a, Console& console) {
   if (a.window_us > 0) options.window_us = std::llround(a.window_us);
   options.common_origin = a.origin == "zero";
   options.seed = a.seed;
+  options.realism = a.realism;
   const auto read = [&](const std::string& file, bool whole) {  // reads only the events that are compared
     return whole || !options.window_us ? events::read_all(file)
                                        : events::read_part(file, 0, *options.window_us, options.common_origin);
@@ -130,15 +144,18 @@ void add_compare(CLI::App& app, Console& console) {
           "integer overflow)")
       ->check(CLI::IsMember({"shared", "eq16", "paper"}))
       ->capture_default_str();
-  command->add_option("--seed", a->seed, "seed of the split-half floor")->capture_default_str();
+  command->add_option("--seed", a->seed, "seed of the split-half floor and of --realism")->capture_default_str();
   command->add_option("--disk", a->disk,
                       "compare the delays behind a rotating disk's edges: find (in REAL), or a file with the output of "
                       "`pecs align detect REAL --json`");
   add_output(*command, "-o,--picture", a->picture, "picture of rates and delays (SVG, PNG or PDF)");
+  command->add_flag("--realism", a->realism,
+                    "train classifiers to tell patches of SIM from REAL, and name the cues that do (seconds)");
   command->add_flag("--json", a->json, "machine-readable output");
-  add_examples(*command, {"pecs compare recording.raw events.raw",
-                          "pecs compare recording.raw events.raw --window 100ms -o scores.svg",
-                          "pecs compare recording.raw events.raw --disk find --json"});
+  add_examples(
+      *command,
+      {"pecs compare recording.raw events.raw", "pecs compare recording.raw events.raw --window 100ms -o scores.svg",
+       "pecs compare recording.raw events.raw --realism", "pecs compare recording.raw events.raw --disk find --json"});
   command->callback([a, &console] { run(*a, console); });
 }
 

@@ -36,6 +36,7 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     if (object.has("origin")) options.common_origin = object.one_of("origin", {"first-event", "zero"}) == "zero";
     options.split_half = object.boolean_or("split_half", true);
     options.seed = static_cast<std::uint64_t>(object.integer_or("seed", 1, 0, std::int64_t{1} << 62));
+    options.realism = object.boolean_or("realism", false);
     if (object.has("disk")) options.disk = pecs::metrics::turning_disk_from(object.object("disk"));
     object.done();
 

@@ -27,6 +27,7 @@ def compare(
     split_half: bool = True,
     seed: int = 1,
     disk: dict[str, Any] | None = None,
+    realism: bool = False,
 ) -> dict[str, Any]:
     """Score simulated events against recorded ones. docs/reference/metrics.md defines the scores.
 
@@ -47,9 +48,11 @@ def compare(
     split_half : bool
         Also score random halves of `real` against each other. Default True.
     seed : int
-        Of the halves. Default 1.
+        Of the halves, and of `realism`. Default 1.
     disk : dict, optional
         Output of `pecs align detect --json` for `real`, to compare the delays behind the edges of a disk.
+    realism : bool
+        Also train classifiers to tell the streams apart (seconds). Default False.
 
     Returns
     -------
@@ -72,6 +75,7 @@ def compare(
         "split_half": split_half,
         "seed": seed,
         "disk": disk,
+        "realism": realism,
     }
     scores: dict[str, Any] = _compare(real.ctypes.data, len(real), sim.ctypes.data, len(sim), options)
     return scores

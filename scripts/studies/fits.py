@@ -292,8 +292,34 @@ def programs(rows: dict, fits: dict, recording: str, evaluations: int, v2e: str,
     return [score_table(columns), table(head, [[peer, *(cell(row[k]) for k in keys)] for peer, row in rows.items()])]
 
 
+# What a classifier sees.
+
+
+def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object) -> list[str]:
+    """The whole recording in the ring of the disk, every pixel. `NAME, defaults`: the light and the chip of `pecs as
+    shipped`, each model's own defaults."""
+    halves = Halves(recording)
+    stage, whole = halves.stage(1, Part(0, halves.duration_us)), (halves.disk, 0, halves.duration_us)
+    real, known = between(halves.events, *whole)[0], fits[SHIPPED]["values"]
+    models = {name: fits[name]["values"] for name in (SHIPPED, *fitted.BOXES)}
+    models |= {f"{name}, defaults": known for name in fitted.BOXES if name != "pecs"}
+    for name in chosen(list(models), rows, only):
+        events = between(stage.events(name.split(",")[0].split()[0], models[name], 2), *whole)[0]
+        size = {"width": halves.events.width, "height": halves.events.height, "origin": "zero", "split_half": False}
+        rows[name] = pecs.compare(real, events, realism=True, **size)["realism"] or {}
+    cells = []
+    for name, row in rows.items():
+        of = [row, row["floor"], *row["cues"].values()] if row else []
+        named = ", ".join(row["named"]) if row else "silent"
+        cells.append([name, *(with_interval([r["auc"], *r["interval"]]) for r in of[:2]), named])
+        cells[-1] += [cell(r["auc"]) for r in of[2:]]
+    cues = next(row for row in rows.values() if row)["cues"]
+    return [table(["model", "area", "recording against itself", "named", *cues], cells)]
+
+
 PARTS = {
     "peers": peers, "over_light": over_lights, "blind_spots": blind_spots, "folds": folds, "programs": programs,
+    "realism": realism,
 }  # fmt: skip
 
 

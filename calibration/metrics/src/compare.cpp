@@ -249,6 +249,10 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
     c.delays = compare_delays(real.events, sim.events, c.width, c.height, c.curve_us, disk);
   }
 
+  if (options.realism) c.realism = realism(real, sim, options.seed);
+  if (options.realism && !c.realism)
+    c.warnings.push_back(fmt::format("{}, {}: no realism: it requires {}", real_name, sim_name, kRealismRequires));
+
   for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
     if (s.on_fraction == 0 || s.on_fraction == 1)
       c.warnings.push_back(
@@ -286,6 +290,7 @@ Json to_json(const Comparison& c) {
   json["real"]["interval_median_us"] = json_of(c.real.interval_median_us);
   json["sim"]["interval_median_us"] = json_of(c.sim.interval_median_us);
   json["delays"] = c.delays ? to_json(*c.delays) : Json(nullptr);
+  json["realism"] = c.realism ? to_json(*c.realism) : Json(nullptr);
   json["warnings"] = c.warnings;
   return json;
 }

@@ -375,6 +375,8 @@ Json advice_of(const metrics::Comparison& c) {
                     *c.map_correlation < 0.9
                         ? "Events are in other places: pose, size of the target or lens do not match."
                         : "Events are in the same places."));
+  if (c.realism)
+    for (const auto& sentence : metrics::sentences(*c.realism)) add(sentence);
   add("Delays behind edges (`pecs compare --disk find`, or the time shift below): events that come too early or too "
       "late "
       "behind an edge mean wrong light; ON and OFF shifted alike mean a wrong phase or clock; too many or too few "
@@ -408,7 +410,9 @@ Scored score(Inputs& m, metrics::CompareOptions options, Json& summary) {
     return metrics::compare(stream_of(m.real->recording), m.real->path.string(), stream_of(m.sim->recording),
                             m.sim->path.string(), options);
   };
+  options.realism = true;
   out.shared = compared(metrics::Normalisation::shared);
+  options.realism = false;
   add_scores(out.table, *out.shared, compared(metrics::Normalisation::eq16), compared(metrics::Normalisation::paper));
   summary["compare"] = to_json(*out.shared);
   m.warnings.insert(m.warnings.end(), out.shared->warnings.begin(), out.shared->warnings.end());

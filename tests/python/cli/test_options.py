@@ -62,7 +62,7 @@ COMMANDS = {
         [["compare", "e.raw", "f.raw"], ["compare", "e.raw", "f.raw", "--window", "9ms"]],
         {
             "--window": ["8ms"], "--origin": ["zero"], "--normalisation": ["eq16", "paper"], "--seed": ["2"],
-            "--disk": ["find"], "--picture": ["p.svg"], "--json": [],
+            "--disk": ["find"], "--realism": [], "--picture": ["p.svg"], "--json": [],
         },
     ),
 }  # fmt: skip

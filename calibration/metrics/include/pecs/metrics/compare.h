@@ -10,6 +10,7 @@
 #include "pecs/events/recording.h"
 #include "pecs/metrics/delays.h"
 #include "pecs/metrics/distances.h"
+#include "pecs/metrics/realism.h"
 #include "pecs/strict_json.h"
 
 namespace pecs::metrics {
@@ -19,14 +20,11 @@ struct CompareOptions {
   std::optional<std::int64_t> window_us = {};  // events from the origin to this time after it; empty: all
   bool common_origin = false;                  // the origin is t = 0 of both; otherwise each stream's first event
   bool split_half = true;                      // compute the noise floor
-  std::uint64_t seed = 1;                      // of the split into halves
+  bool realism = false;                        // train classifiers to tell the streams apart
+  std::uint64_t seed = 1;                      // of the split into halves, and of realism
   int rate_bins = 100;                         // of the rate curves
   std::optional<TurningDisk> disk =
       {};  // in the real recording, with its clock: also compares the delays behind its edges
-};
-
-struct Interval {
-  double low = 0, high = 0;
 };
 
 struct StreamSummary {
@@ -52,6 +50,7 @@ struct Comparison {
   std::optional<double> map_correlation, on_map_correlation, off_map_correlation;  // Pearson, over blocks of width/40
   std::optional<double> interval_distance_decades;  // earth mover's distance of log10 of the inter-event intervals
   std::optional<DelayComparison> delays;
+  std::optional<Realism> realism;
   std::vector<std::string> warnings;
 };
 

@@ -27,6 +27,10 @@ struct MetricOptions {
   double sigma = 0.4;          // Eq. 15, used as exp(-d²/sigma): the published numbers do not square it
 };
 
+struct Interval {
+  double low = 0, high = 0;
+};
+
 // Contributions to the distances by equal parts of the time, for bootstrap intervals.
 inline constexpr int kTimeBlocks = 20;
 struct BlockSums {
