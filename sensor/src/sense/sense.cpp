@@ -368,6 +368,7 @@ Chip chip_of(const SenseOptions& options) {
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
   if (options.frames && !chip.has_frames())
     throw Error(ExitCode::usage, fmt::format("--frames: got chip {}, wanted one with frames (pecs chips)", chip.name));
+  chip.takes_frames = options.frames.has_value();
   return options.no_noise ? without_noise(chip) : chip;
 }
 

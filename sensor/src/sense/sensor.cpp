@@ -69,7 +69,7 @@ FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<con
   const std::size_t known = batch.t_us.size();
   recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),
                       batch.t_us.end());
-  final_us_ = last ? std::int64_t{1} << (63 - kKeyTimeShift) : known >= 2 ? std::llround(recent_t_us_.front()) : 0;
+  final_us_ = last ? key_time_us(~EventKey{0}) : known >= 2 ? std::llround(recent_t_us_.front()) : 0;
   return batch;
 }
 

@@ -12,7 +12,7 @@
 #include <span>
 #include <utility>
 
-#include "models/pecs/event_output-inl.h"
+#include "models/pecs/due_events-inl.h"
 // then
 #include "models/pecs/noise.h"
 
@@ -26,24 +26,20 @@ class ActivePixels {
   static constexpr float kFewCrossings = 0.25f;  // expected in a part of a step that is not split
 
   ActivePixels(const KernelArguments& a, BlockRows& rows)
-      : a_(a), rows_(rows), output_(a, rows), is_noisy_(kAmplifier && a.noise_std > 0) {
+      : a_(a), rows_(rows), output_(a, rows), due_(a, rows, output_), is_noisy_(kAmplifier && a.noise_std > 0) {
     for (ActiveLanes& g : groups_) g = {};
   }
 
   // background: of these pixels, by time.
-  void begin(std::span<const BackgroundEvent> background) {
-    background_ = background;
-    std::fill_n(background_s_, BlockRows::kPixels, kNone);
-  }
+  void begin(std::span<const BackgroundEvent> background) { due_.begin(background); }
 
-  // Processes an interval: the pixels listed in jobs(), and those with background events.
+  // Processes an interval: the pixels listed in jobs(), and those with due events.
   std::uint32_t* jobs() { return jobs_; }
   std::size_t worked() const { return jobs_count_; }  // pixels processed in the last interval
   void work(const IntervalTimes& t, std::size_t jobs) {
-    jobs_count_ = jobs;
-    take_background(t);
+    jobs_count_ = due_.list(t, jobs_, jobs);
     if (jobs_count_ > 0) find_events(t);
-    for (const BackgroundEvent& e : due_) background_s_[e.pixel - rows_.first] = kNone;
+    due_.end_interval();
   }
 
   // Shot noise of I and of u are added: in light that rises, I is the larger one.
@@ -52,30 +48,10 @@ class ActivePixels {
   }
 
  private:
-  static constexpr float kNone = 2;                                // no event: beyond s = 1
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
   static constexpr float kStraight = 0.01f;     // of the noise: deviation from a straight line that does not count
   static constexpr float kStraight_us = 2;      // the same, where the path crosses
   static constexpr float kShortest = 0x1p-21f;  // part of a step that is not split, relative to its end
-
-  // Background events of this interval: each pixel's first into background_s_.
-  void take_background(const IntervalTimes& t) {
-    std::size_t due = 0;
-    while (due < background_.size() && background_[due].t_us < t.t1_us) ++due;
-    due_ = background_.first(due);
-    background_ = background_.subspan(due);
-    for (const BackgroundEvent& e : due_) {
-      const std::uint32_t p = e.pixel - rows_.first;
-      if (background_s_[p] < kNone) continue;
-      background_s_[p] = in_interval(e, t);
-      const bool is_listed = std::find(jobs_, jobs_ + jobs_count_, p) != jobs_ + jobs_count_;
-      if (!is_listed || rows_.gate[p] != kFree) rows_.gate[p] = kNoGate;
-      if (!is_listed) jobs_[jobs_count_++] = p;
-    }
-  }
-  static float in_interval(const BackgroundEvent& e, const IntervalTimes& t) {
-    return std::clamp(static_cast<float>((e.t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
-  }
 
   HWY_INLINE Photoreceptor<V> photoreceptor(const IntervalTimes& t, const ActiveLanes& g) const {
     return {cubic(g.light),
@@ -138,7 +114,8 @@ class ActivePixels {
     take(g.off, of(rows_.off));
     take(g.reference, of(rows_.reference));
     take(g.blind, hn::Mul(of(rows_.blind_us), hn::Set(f, t.per_h)));
-    take(g.background, of(background_s_));
+    take(g.background, of(due_.background_s()));
+    take(g.exposure, of(due_.exposure_s()));
     if (is_noisy_) {
       take(g.n_step, of(rows_.n[0]));
       take(g.z_step, of(rows_.z[0]));
@@ -319,7 +296,7 @@ class ActivePixels {
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
     const V blind = get(g.blind);
     const M sleeps = hn::And(seeking, hn::Ge(blind, end)), awake = hn::AndNot(sleeps, seeking);
-    const M is_due = hn::Lt(get(g.background), end);
+    const M is_due = hn::Lt(hn::Min(get(g.background), get(g.exposure)), end);
     const VU later = hn::Load(u32, g.later);
     const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
     const M ends_here = hn::And(is_candidate, hn::RebindMask(f, hn::Eq(later, hn::Load(u32, g.candidate_later))));
@@ -373,6 +350,9 @@ class ActivePixels {
   HWY_INLINE void begin_at(const IntervalTimes& t, ActiveLanes& g, M which, V z, V output, const NoiseState<V>& noise) {
     set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
     output_.mark(t, g, which, time_of(g, z), noise.z);
+    begin_part(g, which, z, noise);
+  }
+  static HWY_INLINE void begin_part(ActiveLanes& g, M which, V z, const NoiseState<V>& noise) {
     set(g.n0, hn::IfThenElse(which, noise.n, get(g.n0)));
     set(g.z0, hn::IfThenElse(which, noise.z, get(g.z0)));
     set(g.from, hn::IfThenElse(which, z, get(g.from)));
@@ -491,9 +471,16 @@ class ActivePixels {
     const Crossing<V> crossing = first_crossing(v, zero, hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
     set(g.next, crossing.at);
     set(g.next_on, crossing.on);
-    M by_noise = hn::Lt(one, zero);
-    const M background = hn::And(leaf, hn::Lt(get(g.background), hn::Set(f, kNone)));
-    if (!hn::AllFalse(f, background)) by_noise = background_first(t, g, background);
+    M is_due = hn::Lt(one, zero);
+    if (const M exposed = hn::And(leaf, hn::Lt(get(g.exposure), one)); !hn::AllFalse(f, exposed)) {
+      const auto stepped = due_.exposure_first(t, g, exposed, v);
+      begin_part(g, stepped.goes_on, z_of(g, stepped.u), noise_at(t, g, stepped.u));
+      set(g.leaf, hn::Or(stepped.goes_on, holds(g.leaf)));
+      leaf = hn::AndNot(stepped.goes_on, leaf);
+      is_due = stepped.fires;
+    }
+    const M background = hn::And(leaf, hn::Lt(get(g.background), one));
+    if (!hn::AllFalse(f, background)) is_due = hn::Or(is_due, due_.background_first(t, g, background));
     if (is_noisy_ && !hn::AllFalse(f, hn::Gt(hn::Abs(get(g.candidate)), zero))) {
       const M counts = check_candidates(g, leaf);
       done = hn::Or(done, hn::AndNot(counts, leaf));
@@ -504,7 +491,7 @@ class ActivePixels {
     done = hn::Or(done, hn::AndNot(fires, leaf));
     if (!hn::AllFalse(f, fires)) {
       const V from = get(g.from), s = time_of(g, hn::MulAdd(u, hn::Sub(get(g.to), from), from));
-      output_.emit(t, g, fires, by_noise, s, noise.at(u));
+      output_.emit(t, g, fires, is_due, s, noise.at(u));
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
       const V until = hn::Add(s, refractory), begin = time_of(g, from);
@@ -534,9 +521,16 @@ class ActivePixels {
   }
   // The part begins at u of the leaf.
   HWY_INLINE void restart(const IntervalTimes& t, ActiveLanes& g, M which, V u) {
-    const Cubic<V> noise = noise_of(t, g), v = part_of(g) + noise;
-    const V from = get(g.from), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise_at_u = noise.at(u);
-    begin_at(t, g, which, z, v.at(u), {hn::Add(noise_at_u, hn::Div(noise.slope(u), leaf_y(t, g))), noise_at_u});
+    const Cubic<V> v = part_of(g) + noise_of(t, g);
+    begin_at(t, g, which, z_of(g, u), v.at(u), noise_at(t, g, u));
+  }
+  static HWY_INLINE V z_of(const ActiveLanes& g, V u) {
+    return hn::MulAdd(u, hn::Sub(get(g.to), get(g.from)), get(g.from));
+  }
+  HWY_INLINE NoiseState<V> noise_at(const IntervalTimes& t, const ActiveLanes& g, V u) const {
+    const Cubic<V> noise = noise_of(t, g);
+    const V at_u = noise.at(u);
+    return {hn::Add(at_u, hn::Div(noise.slope(u), leaf_y(t, g))), at_u};
   }
 
   // A crossing before a candidate ends the search for it; at the part that ends with it, it is one. Returns the lanes
@@ -557,38 +551,11 @@ class ActivePixels {
     return holds(counts);
   }
 
-  // A background event before the crossing found replaces it. Returns the lanes where it does.
-  M background_first(const IntervalTimes& t, ActiveLanes& g, M seeking) {
-    const F f;
-    HWY_ALIGN float noise[kLanes] = {};
-    const BackgroundEvent* const none = due_.data() + due_.size();
-    each(seeking, [&](std::size_t k) {
-      const std::uint32_t p = g.pixels[k];
-      const auto after = [&](const BackgroundEvent* e, float s) {  // the first at s or later
-        while (e != none && (e->pixel != rows_.first + p || in_interval(*e, t) < s)) ++e;
-        return e;
-      };
-      const auto time_of_event = [&](const BackgroundEvent* e) { return e == none ? kNone : in_interval(*e, t); };
-      const float ds = g.s1[k] - g.s0[k], begin = g.s0[k] + ds * g.from[k], end = g.s0[k] + ds * g.to[k];
-      const BackgroundEvent* e = after(due_.data(), std::max(g.background[k], begin));
-      g.background[k] = time_of_event(e);
-      const float at = (g.background[k] - begin) / (end - begin);
-      if (g.background[k] >= end || at >= g.next[k]) return;
-      g.next[k] = std::max(at, 0.0f);
-      g.next_on[k] = e->on;
-      noise[k] = 1;
-      output_.background_cause[p] = e->cause;
-      g.background[k] = time_of_event(after(e + 1, 0));
-    });
-    return hn::Gt(hn::Load(f, noise), hn::Zero(f));
-  }
-
   const KernelArguments& a_;
   BlockRows& rows_;
   EventOutput output_;
+  DueEvents due_;
   bool is_noisy_;
-  std::span<const BackgroundEvent> background_, due_;  // of later intervals; of this interval
-  HWY_ALIGN float background_s_[BlockRows::kPixels];
   std::uint32_t jobs_[BlockRows::kPixels + 2 * kLanes];
   std::size_t jobs_count_ = 0;
   std::size_t next_job_ = 0;
