@@ -181,7 +181,7 @@ class ActivePixels {
     V longest = hn::Set(F(), 1.0f);
     const Photoreceptor<V>::Motion now{get(g.follows), get(g.relaxes)};
     if constexpr (kAmplifier) longest = amplifier(t).step_length(r, now, get(g.v), get(g.y));
-    const Photoreceptor<V>::Step step = r.choose(now, longest);
+    const Photoreceptor<V>::Step step = r.choose(now, longest, hn::Min(get(g.exposure), hn::Set(F(), 1.0f)));
     set(g.ds, step.ds);
     set(g.s_next, step.end);
     set(g.m0, step.slope_of_v);
@@ -241,6 +241,12 @@ class ActivePixels {
       noise_of_step(t, g, ready, begin, end);
     else
       set(g.leaf, hn::Or(ready, holds(g.leaf)));
+    if constexpr (kReceptor) {
+      if (const M exposed = hn::And(ready, hn::Ge(end, get(g.exposure))); !hn::AllFalse(f, exposed)) {
+        due_.expose(t, g, exposed);
+        set_motion(g, photoreceptor(t, g).motion());
+      }
+    }
   }
 
   // The noise at the end of a step, between that at its start and at the end of the interval.
@@ -296,7 +302,7 @@ class ActivePixels {
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
     const V blind = get(g.blind);
     const M sleeps = hn::And(seeking, hn::Ge(blind, end)), awake = hn::AndNot(sleeps, seeking);
-    const M is_due = hn::Lt(hn::Min(get(g.background), get(g.exposure)), end);
+    const M is_due = hn::Lt(get(g.background), end);
     const VU later = hn::Load(u32, g.later);
     const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
     const M ends_here = hn::And(is_candidate, hn::RebindMask(f, hn::Eq(later, hn::Load(u32, g.candidate_later))));
@@ -350,9 +356,6 @@ class ActivePixels {
   HWY_INLINE void begin_at(const IntervalTimes& t, ActiveLanes& g, M which, V z, V output, const NoiseState<V>& noise) {
     set(g.reference, hn::IfThenElse(which, output, get(g.reference)));
     output_.mark(t, g, which, time_of(g, z), noise.z);
-    begin_part(g, which, z, noise);
-  }
-  static HWY_INLINE void begin_part(ActiveLanes& g, M which, V z, const NoiseState<V>& noise) {
     set(g.n0, hn::IfThenElse(which, noise.n, get(g.n0)));
     set(g.z0, hn::IfThenElse(which, noise.z, get(g.z0)));
     set(g.from, hn::IfThenElse(which, z, get(g.from)));
@@ -471,16 +474,9 @@ class ActivePixels {
     const Crossing<V> crossing = first_crossing(v, zero, hn::Sub(reference, get(g.off)), hn::Add(reference, get(g.on)));
     set(g.next, crossing.at);
     set(g.next_on, crossing.on);
-    M is_due = hn::Lt(one, zero);
-    if (const M exposed = hn::And(leaf, hn::Lt(get(g.exposure), one)); !hn::AllFalse(f, exposed)) {
-      const auto stepped = due_.exposure_first(t, g, exposed, v);
-      begin_part(g, stepped.goes_on, z_of(g, stepped.u), noise_at(t, g, stepped.u));
-      set(g.leaf, hn::Or(stepped.goes_on, holds(g.leaf)));
-      leaf = hn::AndNot(stepped.goes_on, leaf);
-      is_due = stepped.fires;
-    }
+    M by_noise = hn::Lt(one, zero);
     const M background = hn::And(leaf, hn::Lt(get(g.background), one));
-    if (!hn::AllFalse(f, background)) is_due = hn::Or(is_due, due_.background_first(t, g, background));
+    if (!hn::AllFalse(f, background)) by_noise = due_.background_first(t, g, background);
     if (is_noisy_ && !hn::AllFalse(f, hn::Gt(hn::Abs(get(g.candidate)), zero))) {
       const M counts = check_candidates(g, leaf);
       done = hn::Or(done, hn::AndNot(counts, leaf));
@@ -491,7 +487,7 @@ class ActivePixels {
     done = hn::Or(done, hn::AndNot(fires, leaf));
     if (!hn::AllFalse(f, fires)) {
       const V from = get(g.from), s = time_of(g, hn::MulAdd(u, hn::Sub(get(g.to), from), from));
-      output_.emit(t, g, fires, is_due, s, noise.at(u));
+      output_.emit(t, g, fires, by_noise, s, noise.at(u));
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
       const V until = hn::Add(s, refractory), begin = time_of(g, from);
@@ -521,16 +517,9 @@ class ActivePixels {
   }
   // The part begins at u of the leaf.
   HWY_INLINE void restart(const IntervalTimes& t, ActiveLanes& g, M which, V u) {
-    const Cubic<V> v = part_of(g) + noise_of(t, g);
-    begin_at(t, g, which, z_of(g, u), v.at(u), noise_at(t, g, u));
-  }
-  static HWY_INLINE V z_of(const ActiveLanes& g, V u) {
-    return hn::MulAdd(u, hn::Sub(get(g.to), get(g.from)), get(g.from));
-  }
-  HWY_INLINE NoiseState<V> noise_at(const IntervalTimes& t, const ActiveLanes& g, V u) const {
-    const Cubic<V> noise = noise_of(t, g);
-    const V at_u = noise.at(u);
-    return {hn::Add(at_u, hn::Div(noise.slope(u), leaf_y(t, g))), at_u};
+    const Cubic<V> noise = noise_of(t, g), v = part_of(g) + noise;
+    const V from = get(g.from), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from), noise_at_u = noise.at(u);
+    begin_at(t, g, which, z, v.at(u), {hn::Add(noise_at_u, hn::Div(noise.slope(u), leaf_y(t, g))), noise_at_u});
   }
 
   // A crossing before a candidate ends the search for it; at the part that ends with it, it is one. Returns the lanes

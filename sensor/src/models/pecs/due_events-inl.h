@@ -16,8 +16,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace pecs::sensor::HWY_NAMESPACE {
 
-// Times are s in the interval. When an exposure begins or ends, V steps. Only the distance of V from the reference
-// counts, so that the reference moves instead, the other way.
+// Times are s in the interval.
 class DueEvents {
  public:
   DueEvents(const KernelArguments& a, BlockRows& rows, EventOutput& output) : a_(a), rows_(rows), output_(output) {}
@@ -84,52 +83,28 @@ class DueEvents {
       g.next[k] = std::max(at, 0.0f);
       g.next_on[k] = e->on;
       replaces[k] = 1;
-      output_.due_cause[p] = e->cause;
+      output_.background_cause[p] = e->cause;
       g.background[k] = time_of_event(after(e + 1, 0));
     });
     return holds(replaces);
   }
 
-  // Where an exposure's step, at u of the leaf, precedes crossing and background event, the reference moves. Pixels
-  // that are then beyond a threshold fire, the others go on from u. v: V in the leaf.
-  struct Stepped {
-    M fires, goes_on;
-    V u;
-  };
-  Stepped exposure_first(const IntervalTimes& t, ActiveLanes& g, M seeking, const Cubic<V>& v) {
-    HWY_ALIGN float begin[kLanes], at_u[kLanes], at_v[kLanes], fires[kLanes] = {}, goes_on[kLanes] = {};
-    const V begins = time_of(g, get(g.from)), length = hn::Sub(time_of(g, get(g.to)), begins);
-    set(begin, begins);
-    each(seeking, [&](std::size_t k) {
-      while (g.exposure[k] < begin[k]) pass(t, g, k);  // the pixel was blind
-    });
-    const V u = hn::Div(hn::Sub(get(g.exposure), begins), length);
-    set(at_u, u);
-    set(at_v, v.at(u));
-    each(seeking, [&](std::size_t k) {
-      const std::uint32_t p = g.pixels[k];
-      const bool after_noise = g.background[k] >= begin[k] && g.background[k] < g.exposure[k];
-      if (at_u[k] >= 1 || at_u[k] >= g.next[k] || after_noise) return;
-      const float step = step_of(p);
-      pass(t, g, k);
-      g.reference[k] -= step;
-      if (a_.marks) a_.marks[rows_.first + p].frame += step;
-      const float from_reference = at_v[k] - g.reference[k];
-      const bool on = from_reference >= g.on[k];
-      if (!on && from_reference > -g.off[k]) {
-        goes_on[k] = 1;
-        return;
+  // Steps of the photoreceptor's V, down where an exposure begins and up where it ends; it then relaxes to the light.
+  HWY_INLINE void expose(const IntervalTimes& t, ActiveLanes& g, M exposed) {
+    each(exposed, [&](std::size_t k) {
+      for (const std::uint32_t p = g.pixels[k]; g.exposure[k] <= g.s[k]; g.exposure[k] = step_s(p, t)) {
+        const float step = step_of(p);
+        if (a_.marks) mark(g, k, step);
+        g.v[k] += step;
+        g.w[k] *= std::exp(-step);
+        ++next_step_[p];
       }
-      g.next[k] = at_u[k];
-      g.next_on[k] = on;
-      fires[k] = 1;
-      output_.due_cause[p] = Cause::frame;
     });
-    return {holds(fires), holds(goes_on), u};
   }
 
  private:
-  static constexpr float kNone = 2;  // no event: beyond s = 1
+  static constexpr float kNone = 2;      // no event: beyond s = 1
+  static constexpr float kEdge = 1e-5f;  // least distance of a step from the interval's ends
 
   static float in_interval(double t_us, const IntervalTimes& t) {
     return std::clamp(static_cast<float>((t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
@@ -143,13 +118,17 @@ class DueEvents {
   }
   float step_s(std::uint32_t p, const IntervalTimes& t) const {
     if (next_step_[p] == a_.exposures.steps.size() || step_us(p) >= t.t1_us) return kNone;
-    return in_interval(step_us(p), t);
+    return std::clamp(in_interval(step_us(p), t), kEdge, 1 - kEdge);
   }
-  void pass(const IntervalTimes& t, ActiveLanes& g, std::size_t k) {
-    ++next_step_[g.pixels[k]];
-    g.exposure[k] = step_s(g.pixels[k], t);
+  void mark(const ActiveLanes& g, std::size_t k, float step) {
+    const std::uint32_t p = g.pixels[k];
+    ResetMark& mark = a_.marks[rows_.first + p];
+    const float output = Cubic<float>{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]}.at(1.0f);
+    mark.step_us = step_us(p);
+    mark.step = step;
+    mark.before_step = output + g.z1[k] - g.reference[k];
   }
-  // The next step of V: down at an exposure's begin, and back at its end.
+  // A charge on the photoreceptor's node, drawn for each pixel and frame.
   float step_of(std::uint32_t p) const {
     const ExposureStep& step = a_.exposures.steps[next_step_[p]];
     const Random4 r = random4(a_.noise_seed, rows_.first + p, step.frame, Purpose::exposure);

@@ -32,16 +32,15 @@ class EventOutput {
     const double sign = on ? 1 : -1;
     const double noise = sign * double{noise_now - mark.noise};
     const double leaked = sign * a_.constants.leak_per_us * (t_us - mark.t_us);
-    const double frame = sign * double{mark.frame};
-    const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked - frame - sign * double{mark.phase};
-    const double most = std::max({signal, noise, leaked, frame});
-    return most == signal  ? Cause::signal
-           : most == frame ? Cause::frame
-           : leaked > noise ? Cause::leak
-                            : Cause::noise;
+    const double threshold = on ? rows_.on[p] : rows_.off[p];
+    // What is left of an exposure's step, against all else since.
+    const double stepped = sign * mark.step * std::exp(a_.constants.a_per_us * rows_.i[0][p] * (mark.step_us - t_us));
+    if (stepped > 0 && 2 * stepped > threshold - sign * double{mark.before_step}) return Cause::frame;
+    const double signal = threshold - noise - leaked - sign * double{mark.phase};
+    return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
   }
 
-  HWY_INLINE void emit(const IntervalTimes& t, const ActiveLanes& g, M fires, M is_due, V s, V noise) {
+  HWY_INLINE void emit(const IntervalTimes& t, const ActiveLanes& g, M fires, M by_noise, V s, V noise) {
     const U32 u;
     const Compress compress(fires);
     const VU on = hn::IfThenElseZero(hn::RebindMask(u, holds(g.next_on)), hn::Set(u, 1u << kKeyOnShift));
@@ -49,15 +48,15 @@ class EventOutput {
     compress.store(clock_.us(s), us_ + fired_);
     compress.store(hn::Or(hn::ShiftLeft<kKeyPixelShift>(pixels), on), place_ + fired_);
     if (a_.marks) {
-      HWY_ALIGN float at_s[kLanes], of_noise[kLanes], due[kLanes];
+      HWY_ALIGN float at_s[kLanes], of_noise[kLanes], background[kLanes];
       set(at_s, s);
       set(of_noise, noise);
-      set(due, is_due);
+      set(background, by_noise);
       std::uint32_t* place = place_ + fired_;
       each(fires, [&](std::size_t k) {
         const std::uint32_t p = g.pixels[k];
         const double t_us = t.t0_us + double{at_s[k]} * t.h_us;
-        const Cause why = due[k] > 0 ? due_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0);
+        const Cause why = background[k] > 0 ? background_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0);
         *place++ |= static_cast<std::uint32_t>(why);
       });
     }
@@ -69,7 +68,7 @@ class EventOutput {
     fired_ = 0;
   }
 
-  Cause due_cause[BlockRows::kPixels];  // of the next event of DueEvents
+  Cause background_cause[BlockRows::kPixels];  // of the next background event
 
  private:
   const KernelArguments& a_;
