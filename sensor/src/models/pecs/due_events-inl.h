@@ -123,10 +123,9 @@ class DueEvents {
   void mark(const ActiveLanes& g, std::size_t k, float step) {
     const std::uint32_t p = g.pixels[k];
     ResetMark& mark = a_.marks[rows_.first + p];
-    const float output = Cubic<float>{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]}.at(1.0f);
     mark.step_us = step_us(p);
     mark.step = step;
-    mark.before_step = output + g.z1[k] - g.reference[k];
+    mark.output = Cubic<float>{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]}.at(1.0f) + g.z1[k];
   }
   // A charge on the photoreceptor's node, drawn for each pixel and frame.
   float step_of(std::uint32_t p) const {

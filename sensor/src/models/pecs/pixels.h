@@ -29,13 +29,13 @@ struct HotPixel {
 };
 
 // Time and noise at a pixel's last reset, for the causes of events. phase: distance from the reference then, not 0
-// only for pixels that begin at a random one. step: of V since, by an exposure at step_us; the distance from the
-// reference was before_step.
+// only for pixels that begin at a random one. step: of V, by an exposure at step_us, where the output was `output`; 0
+// before the first one after the reset.
 struct ResetMark {
   double t_us = 0;
   float noise = 0, phase = 0;
   double step_us = 0;
-  float step = 0, before_step = 0;
+  float step = 0, output = 0;
 };
 
 // The begin or end of an exposure of the chip's frames, in row 0.
