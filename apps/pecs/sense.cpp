@@ -134,7 +134,7 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
       ->type_name("FOLDER");
   add_output(*sub, "--labels", o->labels,
              "NPY file of each event's cause: 0 signal, 1 leak, 2 noise, 3 hot pixel, 4 noise of "
-             "the renderer, 5 unsure (no reliable motion between pictures)");
+             "the renderer, 5 unsure (no reliable motion between pictures), 6 frame (--frames)");
 }
 
 void add_window(CLI::App* sub, SenseArguments* o) {

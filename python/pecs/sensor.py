@@ -50,7 +50,7 @@ _bad_values = function("pecs_sensor_bad_values", INT, POINTER, _int64, _int64)
 _close = function("pecs_sensor_close", None, POINTER, error=False)
 
 _CHUNK_BYTES = 64 << 20
-LABELS = ("signal", "leak", "noise", "hot", "render", "unsure")
+LABELS = ("signal", "leak", "noise", "hot", "render", "unsure", "frame")
 STAGES = ("none", "roi", "mask", "afk", "trail", "erc")  # as numbered in the file of dropped events
 LABELLED_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1"), ("label", "u1")])
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <random>
 #include <tuple>
 
@@ -162,6 +163,30 @@ TEST(Causes, EachAloneIsNamed) {
   shot.noise_std = 0.1;
   shot.contrast_threshold_on = shot.contrast_threshold_off = 0.1;
   EXPECT_EQ(part(labelled(shot, 100, 0, 0.2), Cause::noise), 1);
+}
+
+// An exposure's charge steps V of every pixel down at its begin and up at its end, and V relaxes to the light between.
+TEST(Causes, ExposuresFireDownAndUpAtTheFrameClock) {
+  Chip chip = without_noise(load_chip("davis346"));
+  chip.frame_row_s = 1e-5;
+  chip.refractory_period_s = 0.005;  // the amplifier has settled
+  const auto fired = [&](double step, double light_fa = 0.1) {
+    chip.frame_step = step * chip.contrast_threshold_on;
+    return labelled(chip, light_fa, 0, 0.2);
+  };
+  EXPECT_EQ(fired(1.5).events.size(), 0);  // only on request
+  chip.takes_frames = true;
+  EXPECT_EQ(fired(0.95).events.size(), 0);
+  const LabelledEvents all = fired(1.5);
+  EXPECT_EQ(part(all, Cause::frame), 1);
+  EXPECT_EQ(all.events.size(), 60 * 60 * 2 * 5);  // 5 frames in 0.2 s
+  for (const Event& e : all.events) {
+    const double begin_us = std::fmod(static_cast<double>(e.t_us), 1e6 * chip.frame_period_s) - 10 * e.y;
+    // The amplifier passes two thirds of the step within ln(3) of its time constant.
+    const double passed_us = 1e6 * std::log(3) / (2 * std::numbers::pi * chip.amplifier_cutoff_hz);
+    EXPECT_NEAR(begin_us, passed_us + (e.p ? 1e6 * chip.frame_exposure_s : 0), 0.05 * passed_us);
+  }
+  EXPECT_EQ(fired(1.5, 1e7).events.size(), 0);  // a photoreceptor that is faster than the amplifier undoes the step
 }
 
 TEST(Causes, SignalAmongLeakIsTheLargerPart) {

@@ -60,8 +60,10 @@ constexpr std::array kValues = {
     Value{"frame_read_noise_e", "electron", 0, 1e6, &Chip::frame_read_noise_e},
     Value{"frame_dark_hz", "electron/s", 0, 1e9, &Chip::frame_dark_hz},
     Value{"frame_adc_bits", "bit", 1, 16, &Chip::frame_adc_bits},
+    Value{"frame_step", "ln", 0, 5, &Chip::frame_step},
+    Value{"frame_step_spread", "1", 0, 2, &Chip::frame_step_spread},
 };
-constexpr std::size_t kFrameValues = 11;  // the last ones, those of the object `frames`, which a profile may lack
+constexpr std::size_t kFrameValues = 13;  // the last ones, those of the object `frames`, which a profile may lack
 
 bool is_whole(double v) { return v == std::floor(v); }
 
@@ -255,7 +257,7 @@ std::optional<std::size_t> PixelMap::index(int px, int py, double drawn) const {
 
 Chip without_noise(Chip chip) {
   chip.noise_std = chip.leak_rate_hz = chip.background_on_hz = chip.background_off_hz = chip.threshold_mismatch =
-      chip.hot_pixel_fraction = 0;
+      chip.hot_pixel_fraction = chip.frame_step_spread = 0;
   chip.pixel_map = nullptr;
   return chip;
 }

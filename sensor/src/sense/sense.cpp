@@ -368,6 +368,7 @@ Chip chip_of(const SenseOptions& options) {
     chip.warnings.push_back(
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
   if (options.frames) check_has_frames(chip, "--frames");
+  chip.takes_frames = options.frames.has_value();
   return options.no_noise ? without_noise(chip) : chip;
 }
 

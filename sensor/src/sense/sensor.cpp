@@ -42,7 +42,8 @@ FrameBatch frame_of(const FrameBatch& batch, std::size_t index) {
   return {batch.first_frame + static_cast<std::int64_t>(index),
           {batch.planes[index]},
           {first, batch.t_us.begin() + static_cast<std::ptrdiff_t>(at + 1)},
-          batch.last && index + 1 == batch.planes.size()};
+          batch.last && index + 1 == batch.planes.size(),
+          batch.begin_us};
 }
 
 }  // namespace
@@ -63,14 +64,15 @@ void FrameClock::check(std::span<const double> t_us) const {
 
 FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<const double> t_us, bool last) {
   check(t_us);
-  FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
+  if (frames_ == 0 && !t_us.empty()) begin_us_ = t_us.front();
+  FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last, begin_us_};
   batch.t_us.insert(batch.t_us.end(), t_us.begin(), t_us.end());
   frames_ += std::ssize(planes);
   // Later intervals' events are rounded to the end of these intervals at the earliest.
   const std::size_t known = batch.t_us.size();
   recent_t_us_.assign(batch.t_us.end() - static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, known)),
                       batch.t_us.end());
-  final_us_ = last ? std::int64_t{1} << (63 - kKeyTimeShift) : known >= 2 ? std::llround(recent_t_us_.front()) : 0;
+  final_us_ = last ? key_time_us(~EventKey{0}) : known >= 2 ? std::llround(recent_t_us_.front()) : 0;
   return batch;
 }
 
@@ -110,7 +112,7 @@ Sensor::~Sensor() = default;
 std::vector<events::Frame> Sensor::take_frames() {
   if (!frames_) return {};
   std::vector<events::Frame> out = frames_->take();
-  for (events::Frame& frame : out) frame.begin_us += std::llround(first_us_), frame.end_us += std::llround(first_us_);
+  for (events::Frame& frame : out) frame.begin_us += std::llround(clock_.begin_us()), frame.end_us += std::llround(clock_.begin_us());
   return out;
 }
 
@@ -151,13 +153,11 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
 
 void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,
                      LabelledEvents& out) {
-  const bool is_first = clock_.frames() == 0;
   const FrameBatch batch = clock_.batch(planes, t_us, last);
   if (frames_ && !planes.empty()) {
-    if (is_first) first_us_ = t_us.front();
-    std::vector<double> since_first_us(t_us.begin(), t_us.end());
-    for (double& t : since_first_us) t -= first_us_;
-    frames_->add(planes, since_first_us, {0, height_});
+    std::vector<double> since_begin_us(t_us.begin(), t_us.end());
+    for (double& t : since_begin_us) t -= batch.begin_us;
+    frames_->add(planes, since_begin_us, {0, height_});
   }
   sorter_.begin(batch.t_us);
   pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);

@@ -95,6 +95,18 @@ def test_frames_depend_on_nothing_but_light_and_seed(moving, tmp_path):
     assert not np.array_equal(take(moving, tmp_path, "seed", **options | {"seed": 4})[0], dn)
 
 
+def test_events_by_frames_depend_on_nothing_but_light_and_seed(moving, tmp_path):
+    settings = {"frame_period_s": 0.009, "frame_exposure_s": 0.003, "frame_step": 0.3}
+    options = {"chip": CHIP, "seed": 3, "overrides": settings}
+    none = pecs.sense(moving, tmp_path / "none.npz", **options)["results"]["events"]
+    for name, more in {"a": {}, "one": {"threads": 1}, "three": {"threads": 3}}.items():
+        labels = tmp_path / f"{name}.npy"
+        pecs.sense(moving, tmp_path / f"{name}.npz", frames=tmp_path / name, labels=labels, **options, **more)
+        assert np.array_equal(pecs.read(tmp_path / f"{name}.npz"), pecs.read(tmp_path / "a.npz"))
+        by_frames = np.load(labels) == pecs.sensor.LABELS.index("frame")
+        assert len(by_frames) > 1.2 * none and 0.1 < by_frames.mean() < 0.9
+
+
 SHORT = {"overrides": {"frame_period_s": 0.024, "frame_exposure_s": 0.002}, "readout": "ideal", "model": "esim"}
 
 

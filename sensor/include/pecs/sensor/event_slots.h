@@ -9,15 +9,15 @@
 namespace pecs::sensor {
 
 // Cause of an event: the largest contribution to the change of V from the reference to the threshold.
-// Found after sorting, since keys have two bits: `render`, the renderer's noise, and `unsure`, light whose motion
-// between frames is a guess.
-enum class Cause : std::uint8_t { signal, leak, noise, hot, render, unsure };
+// `frame`: exposures of the chip's own frames. Found after sorting: `render`, the renderer's noise, and `unsure`, light
+// whose motion between frames is a guess.
+enum class Cause : std::uint8_t { signal, leak, noise, hot, render, unsure, frame };
 
-// An event as a number, ordered as events are: time in us (35 bits, 9 hours), then pixel (y * width + x, 26 bits), then
-// polarity, then cause (`signal` if causes are not reported).
+// An event as a number, ordered as events are: time in us (34 bits, 4.7 hours), then pixel (y * width + x, 26 bits),
+// then polarity, then cause (`signal` if causes are not reported).
 using EventKey = std::uint64_t;
-inline constexpr double kMostTime_us = 1.7e10;  // half the range: events may be later than the last frame
-inline constexpr int kKeyTimeShift = 29, kKeyPixelShift = 3, kKeyOnShift = 2;
+inline constexpr double kMostTime_us = 1.7e10;  // 3 minutes less than the range: events may be later than the last frame
+inline constexpr int kKeyTimeShift = 30, kKeyPixelShift = 4, kKeyOnShift = 3;
 inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on, Cause cause = Cause::signal) {
   return static_cast<std::uint64_t>(t_us) << kKeyTimeShift | std::uint64_t{pixel} << kKeyPixelShift |
          std::uint64_t{on} << kKeyOnShift | static_cast<std::uint64_t>(cause);
@@ -25,7 +25,7 @@ inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on, Cause
 inline std::int64_t key_time_us(EventKey key) { return static_cast<std::int64_t>(key >> kKeyTimeShift); }
 inline std::uint32_t key_pixel(EventKey key) { return static_cast<std::uint32_t>(key >> kKeyPixelShift) & 0x3ffffff; }
 inline bool key_on(EventKey key) { return key >> kKeyOnShift & 1; }
-inline Cause key_cause(EventKey key) { return static_cast<Cause>(key & 3); }
+inline Cause key_cause(EventKey key) { return static_cast<Cause>(key & 7); }
 
 // A key is written once: a slot is a list of chunks, and all chunks are used again in the next batch.
 class EventSlots {

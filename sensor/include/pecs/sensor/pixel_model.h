@@ -30,6 +30,7 @@ struct FrameBatch {
   std::vector<const float*> planes;  // each [height * width], row 0 at the top, in the model's range at least
   std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
   bool last = false;                 // no frame follows: the last interval is finished too
+  double begin_us = 0;               // time of frame 0, at which the first exposure of the chip's own frames begins
 };
 
 // Pixels [first, end), by y * width + x.

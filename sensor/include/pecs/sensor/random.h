@@ -17,7 +17,8 @@ enum class Purpose : std::uint32_t {
   readout,
   bands,
   path,
-  frame
+  frame,
+  exposure
 };
 
 using Random4 = std::array<std::uint32_t, 4>;

@@ -25,10 +25,11 @@ class FrameClock {
   void check(std::span<const double> t_us) const;  // throws as batch() does
   // Events before this time are complete: those of an interval are when the second frame after it, or `last`, is known.
   std::int64_t final_us() const { return final_us_; }
-  std::int64_t frames() const { return frames_; }
+  double begin_us() const { return begin_us_; }  // time of the first frame
 
  private:
   std::int64_t frames_ = 0, final_us_ = 0;
+  double begin_us_ = 0;
   std::vector<double> recent_t_us_;  // of the last two frames
 };
 
@@ -89,7 +90,6 @@ class Sensor {
   FrameClock clock_;
   std::optional<Readout> readout_;
   std::unique_ptr<ChipFrames> frames_;
-  double first_us_ = 0;
   EventStages stages_;
   bool has_stages_;
   LabelledEvents fired_, sent_;  // by the pixels; by the readout

@@ -56,7 +56,8 @@ struct ActiveLanes {
   // 1 or 0. A live pixel is ready for its next step, in a leaf, or has a part of a step to examine, which is split
   // before where `splits`.
   HWY_ALIGN float live[kLanes], ready[kLanes], splits[kLanes], leaf[kLanes];
-  HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes], background[kLanes];
+  HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes];
+  HWY_ALIGN float background[kLanes], exposure[kLanes];  // next of DueEvents
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
   HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
   HWY_ALIGN float y[kLanes];                                                  // of the amplifier

@@ -12,7 +12,7 @@
 #include <span>
 #include <utility>
 
-#include "models/pecs/event_output-inl.h"
+#include "models/pecs/due_events-inl.h"
 // then
 #include "models/pecs/noise.h"
 
@@ -26,24 +26,20 @@ class ActivePixels {
   static constexpr float kFewCrossings = 0.25f;  // expected in a part of a step that is not split
 
   ActivePixels(const KernelArguments& a, BlockRows& rows)
-      : a_(a), rows_(rows), output_(a, rows), is_noisy_(kAmplifier && a.noise_std > 0) {
+      : a_(a), rows_(rows), output_(a, rows), due_(a, rows, output_), is_noisy_(kAmplifier && a.noise_std > 0) {
     for (ActiveLanes& g : groups_) g = {};
   }
 
   // background: of these pixels, by time.
-  void begin(std::span<const BackgroundEvent> background) {
-    background_ = background;
-    std::fill_n(background_s_, BlockRows::kPixels, kNone);
-  }
+  void begin(std::span<const BackgroundEvent> background) { due_.begin(background); }
 
-  // Processes an interval: the pixels listed in jobs(), and those with background events.
+  // Processes an interval: the pixels listed in jobs(), and those with due events.
   std::uint32_t* jobs() { return jobs_; }
   std::size_t worked() const { return jobs_count_; }  // pixels processed in the last interval
   void work(const IntervalTimes& t, std::size_t jobs) {
-    jobs_count_ = jobs;
-    take_background(t);
+    jobs_count_ = due_.list(t, jobs_, jobs);
     if (jobs_count_ > 0) find_events(t);
-    for (const BackgroundEvent& e : due_) background_s_[e.pixel - rows_.first] = kNone;
+    due_.end_interval();
   }
 
   // Shot noise of I and of u are added: in light that rises, I is the larger one.
@@ -52,30 +48,10 @@ class ActivePixels {
   }
 
  private:
-  static constexpr float kNone = 2;                                // no event: beyond s = 1
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
   static constexpr float kStraight = 0.01f;     // of the noise: deviation from a straight line that does not count
   static constexpr float kStraight_us = 2;      // the same, where the path crosses
   static constexpr float kShortest = 0x1p-21f;  // part of a step that is not split, relative to its end
-
-  // Background events of this interval: each pixel's first into background_s_.
-  void take_background(const IntervalTimes& t) {
-    std::size_t due = 0;
-    while (due < background_.size() && background_[due].t_us < t.t1_us) ++due;
-    due_ = background_.first(due);
-    background_ = background_.subspan(due);
-    for (const BackgroundEvent& e : due_) {
-      const std::uint32_t p = e.pixel - rows_.first;
-      if (background_s_[p] < kNone) continue;
-      background_s_[p] = in_interval(e, t);
-      const bool is_listed = std::find(jobs_, jobs_ + jobs_count_, p) != jobs_ + jobs_count_;
-      if (!is_listed || rows_.gate[p] != kFree) rows_.gate[p] = kNoGate;
-      if (!is_listed) jobs_[jobs_count_++] = p;
-    }
-  }
-  static float in_interval(const BackgroundEvent& e, const IntervalTimes& t) {
-    return std::clamp(static_cast<float>((e.t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
-  }
 
   HWY_INLINE Photoreceptor<V> photoreceptor(const IntervalTimes& t, const ActiveLanes& g) const {
     return {cubic(g.light),
@@ -138,7 +114,8 @@ class ActivePixels {
     take(g.off, of(rows_.off));
     take(g.reference, of(rows_.reference));
     take(g.blind, hn::Mul(of(rows_.blind_us), hn::Set(f, t.per_h)));
-    take(g.background, of(background_s_));
+    take(g.background, of(due_.background_s()));
+    take(g.exposure, of(due_.exposure_s()));
     if (is_noisy_) {
       take(g.n_step, of(rows_.n[0]));
       take(g.z_step, of(rows_.z[0]));
@@ -204,7 +181,7 @@ class ActivePixels {
     V longest = hn::Set(F(), 1.0f);
     const Photoreceptor<V>::Motion now{get(g.follows), get(g.relaxes)};
     if constexpr (kAmplifier) longest = amplifier(t).step_length(r, now, get(g.v), get(g.y));
-    const Photoreceptor<V>::Step step = r.choose(now, longest);
+    const Photoreceptor<V>::Step step = r.choose(now, longest, hn::Min(get(g.exposure), hn::Set(F(), 1.0f)));
     set(g.ds, step.ds);
     set(g.s_next, step.end);
     set(g.m0, step.slope_of_v);
@@ -264,6 +241,12 @@ class ActivePixels {
       noise_of_step(t, g, ready, begin, end);
     else
       set(g.leaf, hn::Or(ready, holds(g.leaf)));
+    if constexpr (kReceptor) {
+      if (const M exposed = hn::And(ready, hn::Ge(end, get(g.exposure))); !hn::AllFalse(f, exposed)) {
+        due_.expose(t, g, exposed);
+        set_motion(g, photoreceptor(t, g).motion());
+      }
+    }
   }
 
   // The noise at the end of a step, between that at its start and at the end of the interval.
@@ -492,8 +475,8 @@ class ActivePixels {
     set(g.next, crossing.at);
     set(g.next_on, crossing.on);
     M by_noise = hn::Lt(one, zero);
-    const M background = hn::And(leaf, hn::Lt(get(g.background), hn::Set(f, kNone)));
-    if (!hn::AllFalse(f, background)) by_noise = background_first(t, g, background);
+    const M background = hn::And(leaf, hn::Lt(get(g.background), one));
+    if (!hn::AllFalse(f, background)) by_noise = due_.background_first(t, g, background);
     if (is_noisy_ && !hn::AllFalse(f, hn::Gt(hn::Abs(get(g.candidate)), zero))) {
       const M counts = check_candidates(g, leaf);
       done = hn::Or(done, hn::AndNot(counts, leaf));
@@ -557,38 +540,11 @@ class ActivePixels {
     return holds(counts);
   }
 
-  // A background event before the crossing found replaces it. Returns the lanes where it does.
-  M background_first(const IntervalTimes& t, ActiveLanes& g, M seeking) {
-    const F f;
-    HWY_ALIGN float noise[kLanes] = {};
-    const BackgroundEvent* const none = due_.data() + due_.size();
-    each(seeking, [&](std::size_t k) {
-      const std::uint32_t p = g.pixels[k];
-      const auto after = [&](const BackgroundEvent* e, float s) {  // the first at s or later
-        while (e != none && (e->pixel != rows_.first + p || in_interval(*e, t) < s)) ++e;
-        return e;
-      };
-      const auto time_of_event = [&](const BackgroundEvent* e) { return e == none ? kNone : in_interval(*e, t); };
-      const float ds = g.s1[k] - g.s0[k], begin = g.s0[k] + ds * g.from[k], end = g.s0[k] + ds * g.to[k];
-      const BackgroundEvent* e = after(due_.data(), std::max(g.background[k], begin));
-      g.background[k] = time_of_event(e);
-      const float at = (g.background[k] - begin) / (end - begin);
-      if (g.background[k] >= end || at >= g.next[k]) return;
-      g.next[k] = std::max(at, 0.0f);
-      g.next_on[k] = e->on;
-      noise[k] = 1;
-      output_.background_cause[p] = e->cause;
-      g.background[k] = time_of_event(after(e + 1, 0));
-    });
-    return hn::Gt(hn::Load(f, noise), hn::Zero(f));
-  }
-
   const KernelArguments& a_;
   BlockRows& rows_;
   EventOutput output_;
+  DueEvents due_;
   bool is_noisy_;
-  std::span<const BackgroundEvent> background_, due_;  // of later intervals; of this interval
-  HWY_ALIGN float background_s_[BlockRows::kPixels];
   std::uint32_t jobs_[BlockRows::kPixels + 2 * kLanes];
   std::size_t jobs_count_ = 0;
   std::size_t next_job_ = 0;

@@ -23,16 +23,24 @@ class EventOutput {
     set(at_s, s);
     set(of_noise, noise);
     each(which, [&](std::size_t k) {
-      a_.marks[rows_.first + g.pixels[k]] = {t.t0_us + double{at_s[k]} * t.h_us, of_noise[k], 0};
+      ResetMark& mark = a_.marks[rows_.first + g.pixels[k]];
+      mark.t_us = t.t0_us + double{at_s[k]} * t.h_us, mark.noise = of_noise[k], mark.phase = 0;
+      if (mark.t_us > mark.step_us) mark.step = 0;
     });
   }
 
-  Cause cause(double t_us, std::uint32_t p, float noise_now, bool on) const {
+  Cause cause(double t_us, std::uint32_t p, float noise_now, bool on, float reference) const {
     const ResetMark& mark = a_.marks[rows_.first + p];
     const double sign = on ? 1 : -1;
     const double noise = sign * double{noise_now - mark.noise};
     const double leaked = sign * a_.constants.leak_per_us * (t_us - mark.t_us);
-    const double signal = (on ? rows_.on[p] : rows_.off[p]) - noise - leaked - sign * double{mark.phase};
+    const double threshold = on ? rows_.on[p] : rows_.off[p];
+    // What is left of an exposure's step, against all else since.
+    const double since_us = t_us - mark.step_us;
+    const double stepped = sign * mark.step * std::exp(-a_.constants.a_per_us * rows_.i[0][p] * since_us);
+    const double moved = threshold - sign * double{mark.output - reference};
+    if (stepped > 0 && since_us >= 0 && 2 * stepped > moved) return Cause::frame;
+    const double signal = threshold - noise - leaked - sign * double{mark.phase};
     return signal >= std::max(noise, leaked) ? Cause::signal : leaked > noise ? Cause::leak : Cause::noise;
   }
 
@@ -52,7 +60,7 @@ class EventOutput {
       each(fires, [&](std::size_t k) {
         const std::uint32_t p = g.pixels[k];
         const double t_us = t.t0_us + double{at_s[k]} * t.h_us;
-        const Cause why = background[k] > 0 ? background_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0);
+        const Cause why = background[k] > 0 ? background_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0, g.reference[k]);
         *place++ |= static_cast<std::uint32_t>(why);
       });
     }

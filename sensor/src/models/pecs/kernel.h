@@ -24,6 +24,7 @@ struct KernelArguments {
   bool last;                                 // the last of `intervals` has no frame after it
   std::uint32_t first, count;
   std::span<const BackgroundEvent> background;  // by pixel; within these intervals
+  ExposureSteps exposures;                      // at least those within these intervals
   EventSlots* events;
   ResetMark* marks;  // null: causes are not recorded
 };

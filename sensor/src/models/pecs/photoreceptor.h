@@ -107,14 +107,14 @@ struct Photoreceptor {
     steepest = max(mul_add(number<T>(1.5), dl, 0.25f * (m0 + m1)), max(m0, m1));
     steepest_second = max(abs(light.second_derivative(zero)), abs(light.second_derivative(one)));
   }
-  // The next step, at most `longest`: its length, its end, and dV/ds times its length at its start.
+  // The next step, at most `longest`, until `last` at the latest: its length, its end, and dV/ds times its length at its start.
   struct Step {
     T ds, end, slope_of_v;
   };
-  Step choose(const Motion& now, T longest) const {
-    const T one = number<T>(1), rest = one - s;
+  Step choose(const Motion& now, T longest, T last = number<T>(1)) const {
+    const T one = number<T>(1), rest = last - s;
     const T steps = min(ceil(rest / min(step_length(now), longest)), number<T>(1e4)), ds = rest / steps;
-    return {ds, select(steps <= one, one, s + ds), slope_of_v(now, ds)};
+    return {ds, select(steps <= one, last, s + ds), slope_of_v(now, ds)};
   }
   // Advances w, i and slope to the end of the step where `ready`; the caller advances s.
   // Returns the step's exposure, the integral of a I.

@@ -60,6 +60,15 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
       seed_(setup.seed),
       noise_seed_(setup.noise_seed),
       random_phase_(setup.random_phase),
+      takes_frames_(setup.chip.takes_frames && setup.chip.frame_step > 0),
+      frame_period_us_(setup.chip.frame_period_s * 1e6),
+      frame_exposure_us_(setup.chip.frame_exposure_s * 1e6),
+      rolled_us_(setup.chip.frame_row_s * 1e6 * (setup.height - 1)),
+      exposures_{{},
+                 setup.chip.frame_row_s * 1e6,
+                 static_cast<std::uint32_t>(setup.width),
+                 setup.chip.frame_step,
+                 setup.chip.frame_step_spread},
       map_(setup.chip.pixel_map),
       width_(static_cast<std::uint32_t>(setup.width)) {
   const Chip& chip = setup.chip;
@@ -138,10 +147,10 @@ std::optional<std::size_t> PecsPixels::mapped(std::uint32_t pixel) const {
   return map_->index(static_cast<int>(pixel % width_), static_cast<int>(pixel / width_), uniform(random_of(pixel)[3]));
 }
 
-// True without photoreceptor, refractory period, leak, background and random phases: all events are signal.
+// True without photoreceptor, refractory period, leak, due events and random phases: all events are signal.
 bool PecsPixels::has_thresholds_only() const {
   return constants_.a_per_us == 0 && constants_.leak_per_us == 0 && constants_.refractory_us == 0 &&
-         !has_background() && !random_phase_;
+         !has_due_events() && !random_phase_;
 }
 
 void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& events) {
@@ -155,6 +164,10 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
+  ExposureSteps exposures = exposures_;
+  const std::vector<ExposureStep> steps =
+      complete && takes_frames_ ? exposure_steps(batch.t_us[0] - batch.begin_us, batch.t_us[complete] - batch.begin_us, batch.begin_us) : std::vector<ExposureStep>{};
+  exposures.steps = steps;
   const auto run = has_thresholds_only() ? run_threshold_kernel : run_kernel;
   run({constants_,
        static_cast<float>(dark_fa_),
@@ -183,8 +196,22 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        range.first,
        range.size(),
        noise,
+       exposures,
        &events,
        marks_.empty() ? nullptr : marks_.data()});
+}
+
+// Of all exposures whose steps some row has in [begin_us, end_us): as in ChipFrames.
+// begin_us, end_us: since the clock of the frames began at clock_us.
+std::vector<ExposureStep> PecsPixels::exposure_steps(double begin_us, double end_us, double clock_us) const {
+  std::vector<ExposureStep> steps;
+  auto frame = static_cast<std::int64_t>(std::floor((begin_us - rolled_us_ - frame_exposure_us_) / frame_period_us_));
+  for (frame = std::max<std::int64_t>(0, frame); static_cast<double>(frame) * frame_period_us_ < end_us; ++frame) {
+    const double first_us = static_cast<double>(frame) * frame_period_us_;
+    steps.push_back({clock_us + first_us, frame, false});
+    steps.push_back({clock_us + first_us + frame_exposure_us_, frame, true});
+  }
+  return steps;
 }
 
 // Poisson processes of one rate in all pixels are one process of the summed rate with a random pixel per event. Drawn

@@ -29,10 +29,26 @@ struct HotPixel {
 };
 
 // Time and noise at a pixel's last reset, for the causes of events. phase: distance from the reference then, not 0
-// only for pixels that begin at a random one.
+// only for pixels that begin at a random one. step: of V, by an exposure at step_us, where the output was `output`; 0
+// before the first one after the reset.
 struct ResetMark {
   double t_us = 0;
   float noise = 0, phase = 0;
+  double step_us = 0;
+  float step = 0, output = 0;
+};
+
+// The begin or end of an exposure of the chip's frames, in row 0.
+struct ExposureStep {
+  double t_us;
+  std::int64_t frame;
+  bool ends;
+};
+struct ExposureSteps {
+  std::span<const ExposureStep> steps;  // by time
+  double row_us = 0;                    // delay from row to row
+  std::uint32_t width = 1;
+  double step = 0, spread = 0;  // of V [ln units]: median; standard deviation of its logarithm
 };
 
 struct PixelConstants {
@@ -48,6 +64,7 @@ class PecsPixels : public PixelModel {
   void advance(const FrameBatch& batch, PixelRange range, EventSlots& events) override;
 
  private:
+  bool has_due_events() const { return has_background() || takes_frames_; }
   bool has_background() const {
     return background_on_hz_ + background_off_hz_ > 0 || !hot_.empty() || maps_background();
   }
@@ -59,12 +76,16 @@ class PecsPixels : public PixelModel {
   Random4 random_of(std::uint32_t pixel) const;
   std::optional<std::size_t> mapped(std::uint32_t pixel) const;  // index of its values in the map
   std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
+  std::vector<ExposureStep> exposure_steps(double begin_us, double end_us, double clock_us) const;
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
   std::uint64_t seed_, noise_seed_;
   bool random_phase_;
   bool equal_thresholds_;
+  bool takes_frames_;
+  double frame_period_us_, frame_exposure_us_, rolled_us_;  // rolled_us_: delay of the last row
+  ExposureSteps exposures_;                                 // without the steps
   Zeros threshold_on_, threshold_off_;  // if equal, one vector each
   Zeros light0_, light1_;               // of the last two frames (kernel.h)
   Zeros m0_;                            // slope of ln I [1/us] at the earlier one
