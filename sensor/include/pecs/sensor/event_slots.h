@@ -16,7 +16,7 @@ enum class Cause : std::uint8_t { signal, leak, noise, hot, render, unsure, fram
 // An event as a number, ordered as events are: time in us (34 bits, 4.7 hours), then pixel (y * width + x, 26 bits),
 // then polarity, then cause (`signal` if causes are not reported).
 using EventKey = std::uint64_t;
-inline constexpr double kMostTime_us = 1.7e10;  // 3 minutes less than the range: events may be later than the last frame
+inline constexpr double kMostTime_us = 1.7e10;  // of 1.718e10: events may be later than the last frame
 inline constexpr int kKeyTimeShift = 30, kKeyPixelShift = 4, kKeyOnShift = 3;
 inline EventKey event_key(std::int64_t t_us, std::uint32_t pixel, bool on, Cause cause = Cause::signal) {
   return static_cast<std::uint64_t>(t_us) << kKeyTimeShift | std::uint64_t{pixel} << kKeyPixelShift |

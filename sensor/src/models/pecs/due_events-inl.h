@@ -104,6 +104,7 @@ class DueEvents {
 
  private:
   static constexpr float kNone = 2;      // no event: beyond s = 1
+  static constexpr double kMostStep = 5;
   static constexpr float kEdge = 1e-5f;  // least distance of a step from the interval's ends
 
   static float in_interval(double t_us, const IntervalTimes& t) {
@@ -132,7 +133,7 @@ class DueEvents {
     const ExposureStep& step = a_.exposures.steps[next_step_[p]];
     const Random4 r = random4(a_.noise_seed, rows_.first + p, step.frame, Purpose::exposure);
     const double size = a_.exposures.step * std::exp(a_.exposures.spread * sensor::gaussian(r[0]));
-    return static_cast<float>(step.ends ? size : -size);
+    return static_cast<float>(std::min(size, kMostStep) * (step.ends ? 1 : -1));
   }
 
   const KernelArguments& a_;

@@ -60,7 +60,8 @@ class EventOutput {
       each(fires, [&](std::size_t k) {
         const std::uint32_t p = g.pixels[k];
         const double t_us = t.t0_us + double{at_s[k]} * t.h_us;
-        const Cause why = background[k] > 0 ? background_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0, g.reference[k]);
+        const Cause why =
+            background[k] > 0 ? background_cause[p] : cause(t_us, p, of_noise[k], g.next_on[k] > 0, g.reference[k]);
         *place++ |= static_cast<std::uint32_t>(why);
       });
     }

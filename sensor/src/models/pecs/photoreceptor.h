@@ -107,7 +107,7 @@ struct Photoreceptor {
     steepest = max(mul_add(number<T>(1.5), dl, 0.25f * (m0 + m1)), max(m0, m1));
     steepest_second = max(abs(light.second_derivative(zero)), abs(light.second_derivative(one)));
   }
-  // The next step, at most `longest`, until `last` at the latest: its length, its end, and dV/ds times its length at its start.
+  // The next step, at most `longest` and until `last`: its length, its end, and dV/ds times its length at its start.
   struct Step {
     T ds, end, slope_of_v;
   };

@@ -86,13 +86,13 @@ class PecsPixels : public PixelModel {
   bool takes_frames_;
   double frame_period_us_, frame_exposure_us_, rolled_us_;  // rolled_us_: delay of the last row
   ExposureSteps exposures_;                                 // without the steps
-  Zeros threshold_on_, threshold_off_;  // if equal, one vector each
-  Zeros light0_, light1_;               // of the last two frames (kernel.h)
-  Zeros m0_;                            // slope of ln I [1/us] at the earlier one
-  Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
-  Zeros w_;                             // photoreceptor; empty when infinitely fast
-  Zeros y_, n_, z_;                     // amplifier and noise (kernel.h); empty without
-  std::vector<HotPixel> hot_;           // sorted
+  Zeros threshold_on_, threshold_off_;                      // if equal, one vector each
+  Zeros light0_, light1_;                                   // of the last two frames (kernel.h)
+  Zeros m0_;                                                // slope of ln I [1/us] at the earlier one
+  Zeros reference_, blind_us_;                              // blind_us_: empty with thresholds only
+  Zeros w_;                                                 // photoreceptor; empty when infinitely fast
+  Zeros y_, n_, z_;                                         // amplifier and noise (kernel.h); empty without
+  std::vector<HotPixel> hot_;                               // sorted
   std::shared_ptr<const PixelMap> map_;
   std::uint32_t width_;
   std::vector<ResetMark> marks_;  // empty without causes, and with thresholds only
