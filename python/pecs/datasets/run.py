@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -282,17 +283,19 @@ def _sense(work: Work, camera: CameraPlan) -> None:
         for key, name in (("chip", "chip.json"), ("mask", "mask.txt")):
             if isinstance(options.get(key), Path):
                 options[key] = folder / name  # the copy
-        sense(
-            work.folder / camera.stack,
-            folder / "events.h5",
-            **options,
-            warmup_us=WARMUP_US,
-            seed=camera.seed,
-            format="dsec",
-            labels=causes,
-            frames=folder / "frames" if camera.entry.frames else None,
-            duration_us=work.plan.duration_us,
-        )
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*noise of the renderer")  # checks.json has it
+            sense(
+                work.folder / camera.stack,
+                folder / "events.h5",
+                **options,
+                warmup_us=WARMUP_US,
+                seed=camera.seed,
+                format="dsec",
+                labels=causes,
+                frames=folder / "frames" if camera.entry.frames else None,
+                duration_us=work.plan.duration_us,
+            )
         record = folder / "events.h5.run.json"
         write_text(record, read_text(record, MAX_BYTES).replace(f"{work.folder}/", ""))
     pictures.label_events(work, camera, folder)
