@@ -47,6 +47,7 @@ scripts/check.sh tidy
 scripts/check.sh fuzz 600
 scripts/docs.sh
 scripts/demo.sh
+scripts/packaging/make_sample.sh
 scripts/packaging/wheel_libraries.sh
 "$PY" scripts/packaging/make_wheels.py
 scripts/packaging/try_wheels.sh  # root

@@ -76,10 +76,14 @@ Json picture(const cv::Mat& image, const std::string& caption, const char* kind 
   return figure(element("img", {{"src", source}, {"class", kind}, {"alt", caption}}), caption);
 }
 
+constexpr std::size_t kMostListed = 16;
+
 std::string text_of(const Json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_number_float()) return fmt::format("{:.6g}", value.get<double>());
   if (value.is_array()) {
+    if (value.empty()) return "none";
+    if (value.size() > kMostListed) return fmt::format("{} values, listed below in stack.json", value.size());
     std::string list;
     for (const auto& item : value) list += (list.empty() ? "" : ", ") + text_of(item);
     return list;
@@ -190,18 +194,21 @@ void add_event_pictures(Json& page, const std::vector<const EventFile*>& streams
   }
 }
 
-// Number and times of the frames, and their rate, or the range of their intervals where these differ.
-void add_frame_rows(Json& rows, const std::vector<std::int64_t>& times_ns, std::int64_t rendered) {
+// Number and times of the frames, and their rate, or the range of their intervals where these differ. Keyframes have no
+// rate: that of the light between them is a render setting.
+void add_frame_rows(Json& rows, const std::vector<std::int64_t>& times_ns, std::int64_t rendered, bool keyframes) {
   const auto ms = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-6; };
-  rows.push_back(row({"frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
-                                            ms(times_ns.front()), ms(times_ns.back()))}));
+  rows.push_back(
+      row({keyframes ? "keyframes" : "frames", fmt::format("{} of {}, {:.3f} to {:.3f} ms", rendered, times_ns.size(),
+                                                           ms(times_ns.front()), ms(times_ns.back()))}));
   if (times_ns.size() < 2) return;
   std::vector<std::int64_t> steps_ns(times_ns.size());
   std::adjacent_difference(times_ns.begin(), times_ns.end(), steps_ns.begin());
   const auto [shortest, longest] = std::minmax_element(steps_ns.begin() + 1, steps_ns.end());
   const double mean_ms = ms(times_ns.back() - times_ns.front()) / static_cast<double>(times_ns.size() - 1);
-  if (*longest - *shortest > 1)  // more than the rounding of times to 1 ns
-    rows.push_back(row({"frame intervals", fmt::format("{:.3f} to {:.3f} ms", ms(*shortest), ms(*longest))}));
+  if (keyframes || *longest - *shortest > 1)  // more than the rounding of times to 1 ns
+    rows.push_back(row({keyframes ? "keyframe intervals" : "frame intervals",
+                        fmt::format("{:.3f} to {:.3f} ms", ms(*shortest), ms(*longest))}));
   else
     rows.push_back(row({"frame rate", fmt::format("{:.6g} Hz", 1e3 / mean_ms)}));
 }
@@ -214,7 +221,7 @@ void add_render(Json& page, const Stack& stack, const std::optional<sensor::Chip
                                        chip ? "" : " (constant quantum efficiency: the chip is not known)"),
                            "preview"));
   Json rows = Json::array();
-  add_frame_rows(rows, info.times_ns, stack.reader.frames());
+  add_frame_rows(rows, info.times_ns, stack.reader.frames(), member(stack.json, "between") == true);
   rows.push_back(row({"pixels", fmt::format("{} x {}", info.width, info.height)}));
   if (info.period_ns)
     rows.push_back(row({"period", fmt::format("{:.3f} ms", static_cast<double>(*info.period_ns) * 1e-6)}));
