@@ -94,7 +94,7 @@ class DueEvents {
     each(exposed, [&](std::size_t k) {
       for (const std::uint32_t p = g.pixels[k]; g.exposure[k] <= g.s[k]; g.exposure[k] = step_s(p, t)) {
         const float step = step_of(p);
-        if (a_.marks) mark(g, k, step);
+        if (a_.marks) mark(t, g, k, step);
         g.v[k] += step;
         g.w[k] *= std::exp(-step);
         ++next_step_[p];
@@ -121,10 +121,9 @@ class DueEvents {
     if (next_step_[p] == a_.exposures.steps.size() || step_us(p) >= t.t1_us) return kNone;
     return std::clamp(in_interval(step_us(p), t), kEdge, 1 - kEdge);
   }
-  void mark(const ActiveLanes& g, std::size_t k, float step) {
-    const std::uint32_t p = g.pixels[k];
-    ResetMark& mark = a_.marks[rows_.first + p];
-    mark.step_us = step_us(p);
+  void mark(const IntervalTimes& t, const ActiveLanes& g, std::size_t k, float step) {
+    ResetMark& mark = a_.marks[rows_.first + g.pixels[k]];
+    mark.step_us = t.t0_us + double{g.exposure[k]} * t.h_us;
     mark.step = step;
     mark.output = Cubic<float>{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]}.at(1.0f) + g.z1[k];
   }
