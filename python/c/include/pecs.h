@@ -301,10 +301,9 @@ PECS_API int64_t pecs_event_labels(const pecs_event* events, int64_t count, cons
                                    pecs_error* error);
 
 typedef struct pecs_sensor pecs_sensor;
-/* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false, "chip_frames": false}
- * and
- * "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of pecs_sense. model: as of
- * pecs_sense; its functions must outlive the sensor. */
+/* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false,
+ * "chip_frames": false} and "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of
+ * pecs_sense. model: as of pecs_sense; its functions must outlive the sensor. */
 PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, const pecs_model* model, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
  * with the second frame after it, or when `last` says that no frame follows. Negative light is taken as 0; a pixel
@@ -322,7 +321,8 @@ PECS_API int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, 
 /* With "labels": the cause of each of them: 0 signal, 1 leak, 2 noise, 3 hot pixel. */
 PECS_API int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error);
 /* With "chip_frames": frames of a DAVIS that the last push completed. values: [count][height][width], below 2^bits;
- * exposures_us: [count][2], begin and end (of the middle row). Returns how many; copies as many as `capacity` allows. */
+ * exposures_us: [count][2], begin and end (of the middle row). Returns how many; copies as many as `capacity` allows.
+ */
 PECS_API int64_t pecs_sensor_frames(const pecs_sensor* sensor, uint16_t* values, int64_t* exposures_us, int* bits,
                                     int64_t capacity, pecs_error* error);
 /* Events lost so far because their pixel still waited to be read. */

@@ -270,7 +270,8 @@ void check_fits(const Chip& chip, int width, int height, const std::string& sour
 
 void check_has_frames(const Chip& chip, const std::string& option) {
   if (!chip.has_frames())
-    throw Error(ExitCode::usage, fmt::format("{}: got chip {}, wanted one with frames (pecs chips)", option, chip.name));
+    throw Error(ExitCode::usage,
+                fmt::format("{}: got chip {}, wanted one with frames (pecs chips)", option, chip.name));
 }
 
 Json chip_to_json(const Chip& chip) {

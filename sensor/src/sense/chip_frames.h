@@ -17,8 +17,8 @@ namespace pecs::sensor {
 
 class ChipFrames {
  public:
-  // Frames whose exposure lies inside [from_us, to_us), on the clock of the light. unit_fa: photocurrent per unit of the
-  // light. seed: none without noise.
+  // Frames whose exposure lies inside [from_us, to_us), on the clock of the light. unit_fa: photocurrent per unit of
+  // the light. seed: none without noise.
   ChipFrames(const Chip& chip, int width, int height, double unit_fa, std::optional<std::uint64_t> seed,
              std::int64_t from_us = 0, std::int64_t to_us = INT64_MAX);
 

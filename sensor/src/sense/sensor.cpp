@@ -103,8 +103,8 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
       has_stages_(extras.stages.any()) {
   if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
   if (extras.frames)
-    frames_ = std::make_unique<ChipFrames>(chip, width, height, unit_fa,
-                                           extras.noise ? std::optional(seed) : std::nullopt);
+    frames_ =
+        std::make_unique<ChipFrames>(chip, width, height, unit_fa, extras.noise ? std::optional(seed) : std::nullopt);
 }
 
 Sensor::~Sensor() = default;
@@ -112,7 +112,8 @@ Sensor::~Sensor() = default;
 std::vector<events::Frame> Sensor::take_frames() {
   if (!frames_) return {};
   std::vector<events::Frame> out = frames_->take();
-  for (events::Frame& frame : out) frame.begin_us += std::llround(clock_.begin_us()), frame.end_us += std::llround(clock_.begin_us());
+  const std::int64_t begin_us = std::llround(clock_.begin_us());
+  for (events::Frame& frame : out) frame.begin_us += begin_us, frame.end_us += begin_us;
   return out;
 }
 
