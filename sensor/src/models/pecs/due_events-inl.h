@@ -103,7 +103,7 @@ class DueEvents {
   }
 
  private:
-  static constexpr float kNone = 2;      // no event: beyond s = 1
+  static constexpr float kNone = 2;  // no event: beyond s = 1
   static constexpr double kMostStep = 5;
   static constexpr float kEdge = 1e-5f;  // least distance of a step from the interval's ends
 

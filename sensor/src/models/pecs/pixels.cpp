@@ -166,7 +166,9 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
   ExposureSteps exposures = exposures_;
   const std::vector<ExposureStep> steps =
-      complete && takes_frames_ ? exposure_steps(batch.t_us[0] - batch.begin_us, batch.t_us[complete] - batch.begin_us, batch.begin_us) : std::vector<ExposureStep>{};
+      complete && takes_frames_
+          ? exposure_steps(batch.t_us[0] - batch.begin_us, batch.t_us[complete] - batch.begin_us, batch.begin_us)
+          : std::vector<ExposureStep>{};
   exposures.steps = steps;
   const auto run = has_thresholds_only() ? run_threshold_kernel : run_kernel;
   run({constants_,
