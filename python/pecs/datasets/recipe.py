@@ -150,8 +150,9 @@ def _model(table: Table, key: str) -> str:
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera of the rig. pixels_of: the camera whose place, lens and pixels it shares (a beam splitter). options: of
-    its render. frames: the chip also takes frames (of a DAVIS). camera: of the .blend, whose optics a rig camera with the lens "none" has; by default the active one."""
+    """A camera of the rig. pixels_of: the camera whose place, lens and pixels it shares (a beam splitter). frames: the
+    chip also takes frames, as a DAVIS. options: of its render. camera: of the .blend, whose optics a rig camera with
+    the lens "none" has; by default the active one."""
 
     name: str = key(Table.text)
     kind: str = key(Table.text, choices=("events", "rgb"))

@@ -112,8 +112,8 @@ Sensor::~Sensor() = default;
 std::vector<events::Frame> Sensor::take_frames() {
   if (!frames_) return {};
   std::vector<events::Frame> out = frames_->take();
-  for (events::Frame& frame : out)
-    frame.begin_us += std::llround(clock_.begin_us()), frame.end_us += std::llround(clock_.begin_us());
+  const std::int64_t begin_us = std::llround(clock_.begin_us());
+  for (events::Frame& frame : out) frame.begin_us += begin_us, frame.end_us += begin_us;
   return out;
 }
 

@@ -254,7 +254,9 @@ def test_ros_images_of_a_davis_are_grey(tmp_path):
     (folder / "right/frames/exposures.csv").write_text("index,start_us,end_us\n0,0,10000\n1,40000,50000\n")
     writers.write("ros", [pecs.datasets.Sequence(folder)], tmp_path / "r")
     with AnyReader([tmp_path / "r" / "0000"]) as reader:
-        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cam1/image_raw"]
+        messages = [
+            reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cam1/image_raw"
+        ]
     for image, picture, t_ms in zip(messages, taken, (5, 45), strict=True):
         assert (image.encoding, image.step, image.header.stamp.nanosec) == ("mono8", W, t_ms * 10**6)
         np.testing.assert_array_equal(image.data.reshape(H, W), picture >> 8)

@@ -69,7 +69,9 @@ def _streams(
         ros.check_size(camera.events_path, camera.width, camera.height, messages)
         streams.append(_events(bag, at, camera, messages))
     if not frames:
-        report.leave_out(f"image_raw of camera {camera.name}", "it takes no frames, and no RGB camera has its pixels", sequence.name)
+        report.leave_out(
+            f"image_raw of camera {camera.name}", "it takes no frames, and no RGB camera has its pixels", sequence.name
+        )
     if camera.has_truth and "depth" in camera.truth.layers:
         streams.append(_depth(bag, at, camera))
     if camera.has_truth and "motion" in camera.truth.layers:
