@@ -30,7 +30,7 @@ import numpy as np
 import pecs
 from pecs_lab import computed_disk, fitted, over_light
 from pecs_lab.disk import Disk
-from pecs_lab.disk_scores import MEASURES, REGIONS, SECTORS, Part, deviance, on_grid, region, seen
+from pecs_lab.disk_scores import MEASURES, REGIONS, SECTORS, Part, between, deviance, on_grid, region, seen
 from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, Stage, fit
 from pecs_lab.measure import command
 from pecs_lab.peers import options_of

@@ -29,6 +29,7 @@ struct Realism {
   Auc all, floor;  // by all features; the recording against itself, a label drawn for each block
   std::vector<Cue> cues;
   std::vector<std::string> named;  // the strongest cues above the floor but rate, at most two, strongest first
+  bool matched = true;  // patches of equal numbers of events exist: the cues but rate are compared among them
   std::size_t real_patches = 0, sim_patches = 0;
 };
 
