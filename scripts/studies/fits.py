@@ -9,6 +9,8 @@ Results are in fits.json (docs/studies/validation.md, blind_spots.md); each part
     scripts/studies/fits.py programs R_360_L.hdf5 --v2e PATH --icns PATH    programs instead of models: 15 minutes
     scripts/studies/fits.py peers BRIGHTER.hdf5 --keep scripts/studies/fits.json --output brighter.json
 
+    scripts/studies/fits.py realism R_360_L.hdf5        whether a classifier tells them apart: 5 minutes, 2 GB
+
     [--output FILE] [--only MODEL ...] [--evaluations N]
 
 A model that FILE has is not fitted again, unless --only names it: then it is, and no other one. `pecs as shipped` has
