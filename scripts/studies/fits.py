@@ -313,7 +313,8 @@ def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object
     for name, row in rows.items():
         of = [row, row["floor"], *row["cues"].values()] if row else []
         named = ", ".join(row["named"]) if row else "silent"
-        cells.append([name, *(with_interval([r["auc"], *r["interval"]]) for r in of[:2]), named])
+        areas = (with_interval([r["auc"], *r["interval"]]) if r else DASH for r in of[:2])
+        cells.append([name, *areas, named])
         cells[-1] += [cell(r["auc"]) for r in of[2:]]
     cues = next(row for row in rows.values() if row)["cues"]
     return [table(["model", "area", "recording against itself", "named", *cues], cells)]

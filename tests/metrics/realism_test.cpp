@@ -55,8 +55,9 @@ TEST(Realism, TwoCamerasOfOneKindAreNotToldApart) {
   EXPECT_LT(r->all.interval.low, 0.5);
   EXPECT_GT(r->all.interval.high, 0.5);
   EXPECT_TRUE(r->named.empty()) << r->named[0];
-  EXPECT_LT(r->floor.interval.low, 0.5);
-  EXPECT_GT(r->floor.interval.high, 0.5);
+  ASSERT_TRUE(r->floor);
+  EXPECT_LT(r->floor->interval.low, 0.5);
+  EXPECT_GT(r->floor->interval.high, 0.5);
 }
 
 TEST(Realism, PlantedErrorsAreNamed) {

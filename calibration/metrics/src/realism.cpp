@@ -205,7 +205,7 @@ std::vector<std::string> named(std::vector<Cue> cues) {
 }
 
 // The recording against itself: a label is drawn for each block, ten times. The interval is that of one draw.
-Auc floor_of(const std::vector<Patch>& patches, const std::vector<int>& features, std::uint64_t seed) {
+std::optional<Auc> floor_of(const std::vector<Patch>& patches, const std::vector<int>& features, std::uint64_t seed) {
   constexpr int kLabels = 10;
   std::mt19937_64 random(seed);
   double sum = 0, square = 0, n = 0;
@@ -223,7 +223,7 @@ Auc floor_of(const std::vector<Patch>& patches, const std::vector<int>& features
   }
   if (n < 2) return {};
   const double mean = sum / n, spread = 1.96 * std::sqrt(std::max(0.0, square - n * mean * mean) / (n - 1));
-  return {mean, {std::max(0.0, mean - spread), std::min(1.0, mean + spread)}};
+  return Auc{mean, {std::max(0.0, mean - spread), std::min(1.0, mean + spread)}};
 }
 
 Json json_of(const Auc& a) { return {{"auc", a.value}, {"interval", {a.interval.low, a.interval.high}}}; }
@@ -279,10 +279,10 @@ std::optional<Realism> realism(const events::Stream& real, const events::Stream&
 std::vector<std::string> sentences(const Realism& r) {
   std::vector<std::string> found{fmt::format(
       "Realism: a classifier tells patches of the simulation from patches of the recording with an area under the "
-      "curve "
-      "of {:.2f} ({:.2f} to {:.2f}); 0.5 is chance, 1 is always. Recording against itself: {:.2f} ({:.2f} to {:.2f}).",
-      r.all.value, r.all.interval.low, r.all.interval.high, r.floor.value, r.floor.interval.low,
-      r.floor.interval.high)};
+      "curve of {:.2f} ({:.2f} to {:.2f}); 0.5 is chance, 1 is always. Recording against itself: {}.",
+      r.all.value, r.all.interval.low, r.all.interval.high,
+      r.floor ? fmt::format("{:.2f} ({:.2f} to {:.2f})", r.floor->value, r.floor->interval.low, r.floor->interval.high)
+              : "too few patches")};
   for (const std::string& name : r.named) {
     const Cue& c = *std::ranges::find(r.cues, name, &Cue::name);
     found.push_back(
@@ -308,7 +308,7 @@ std::vector<std::string> sentences(const Realism& r) {
 
 Json to_json(const Realism& r) {
   Json json = json_of(r.all);
-  json["floor"] = json_of(r.floor);
+  json["floor"] = r.floor ? json_of(*r.floor) : Json(nullptr);
   json["patches"] = {{"real", r.real_patches}, {"sim", r.sim_patches}};
   json["matched"] = r.matched;
   json["named"] = r.named;

@@ -94,13 +94,13 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
 
 def test_realism_names_a_clock(pecs_program, tmp_path):
     """The same numbers in Python and from files of two types; a simulation on a clock of 1 ms is known by it."""
-    streams = [stream(40_000, seed, 128, 96) for seed in (1, 2)]
+    streams = [stream(100_000, seed, 192, 128) for seed in (1, 2)]
     for s in streams:
         s["t"] *= 10
     streams[1]["t"] -= streams[1]["t"] % 1000
     for name, s in zip(("real.csv", "sim.csv", "real.npz", "sim.npz"), streams * 2, strict=True):
-        pecs.write(tmp_path / name, s, 128, 96)
-    ours = pecs.compare(*streams, width=128, height=96, realism=True)
+        pecs.write(tmp_path / name, s, 192, 128)
+    ours = pecs.compare(*streams, width=192, height=128, realism=True)
     assert ours["realism"]["named"][0] == "clock" and ours["realism"]["auc"] > 0.9
     low, high = ours["realism"]["floor"]["interval"]
     assert low < 0.5 < high

@@ -26,7 +26,8 @@ struct Cue {
 };
 
 struct Realism {
-  Auc all, floor;  // by all features; the recording against itself, a label drawn for each block
+  Auc all;                   // by all features
+  std::optional<Auc> floor;  // the recording against itself, a label drawn for each block; empty for few patches
   std::vector<Cue> cues;
   std::vector<std::string> named;  // the strongest cues above the floor but rate, at most two, strongest first
   bool matched = true;  // patches of equal numbers of events exist: the cues but rate are compared among them
