@@ -23,7 +23,8 @@ inline constexpr std::array<CueGroup, 8> kCueGroups{{
     {"pixels", "covariance of a pixel's relative excess in two times", "threshold_mismatch", 4, 1, false},
     {"noise", "share of isolated events", "background_on_hz and _off, noise_std", 5, 2, false},
     {"polarity", "share of ON events", "contrast_threshold_on against contrast_threshold_off", 7, 2, false},
-    {"intervals", "us between events of a pixel (none: 1 s)", "corner_hz_per_a or the light, refractory_period_s", 9, 21, true},
+    {"intervals", "us between events of a pixel (none: 1 s)", "corner_hz_per_a or the light, refractory_period_s", 9,
+     21, true},
     {"neighbours", "us since the last event of a neighbour", "corner_hz_per_a or the light, noise_std", 30, 16, true},
 }};
 
