@@ -9,6 +9,8 @@ Results are in fits.json (docs/studies/validation.md, blind_spots.md); each part
     scripts/studies/fits.py programs R_360_L.hdf5 --v2e PATH --icns PATH    programs instead of models: 15 minutes
     scripts/studies/fits.py peers BRIGHTER.hdf5 --keep scripts/studies/fits.json --output brighter.json
 
+    scripts/studies/fits.py realism R_360_L.hdf5        whether a classifier tells them apart: 5 minutes, 2 GB
+
     [--output FILE] [--only MODEL ...] [--evaluations N]
 
 A model that FILE has is not fitted again, unless --only names it: then it is, and no other one. `pecs as shipped` has
@@ -311,7 +313,8 @@ def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object
     for name, row in rows.items():
         of = [row, row["floor"], *row["cues"].values()] if row else []
         named = ", ".join(row["named"]) if row else "silent"
-        cells.append([name, *(with_interval([r["auc"], *r["interval"]]) for r in of[:2]), named])
+        areas = (with_interval([r["auc"], *r["interval"]]) if r else DASH for r in of[:2])
+        cells.append([name, *areas, named])
         cells[-1] += [cell(r["auc"]) for r in of[2:]]
     cues = next(row for row in rows.values() if row)["cues"]
     return [table(["model", "area", "recording against itself", "named", *cues], cells)]

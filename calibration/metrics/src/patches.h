@@ -20,10 +20,11 @@ inline constexpr std::array<CueGroup, 8> kCueGroups{{
     {"rate", "events per patch", "light, contrast, contrast_threshold_on and _off", 0, 1, true},
     {"clock", "share of equal time stamps", "readout, timestamp_s, the frames' times", 1, 1, false},
     {"hot pixels", "share of events of hot pixels", "hot_pixel_fraction, hot_pixel_hz", 2, 2, false},
-    {"pixels", "variance of the pixels' sensitivity", "threshold_mismatch", 4, 1, false},
+    {"pixels", "covariance of a pixel's relative excess in two times", "threshold_mismatch", 4, 1, false},
     {"noise", "share of isolated events", "background_on_hz and _off, noise_std", 5, 2, false},
     {"polarity", "share of ON events", "contrast_threshold_on against contrast_threshold_off", 7, 2, false},
-    {"intervals", "us between events of a pixel", "corner_hz_per_a or the light, refractory_period_s", 9, 21, true},
+    {"intervals", "us between events of a pixel (none: 1 s)", "corner_hz_per_a or the light, refractory_period_s", 9,
+     21, true},
     {"neighbours", "us since the last event of a neighbour", "corner_hz_per_a or the light, noise_std", 30, 16, true},
 }};
 

@@ -18,7 +18,7 @@ namespace {
 using events::Event;
 
 constexpr int kFolds = 4, kLevels = 9, kDraws = 300;
-constexpr double kTie = 0.05;  // of areas
+constexpr double kLeastNamed = 0.55, kTie = 0.8;  // area of a cue that is named; share of the strongest one's excess
 constexpr double kRidge = 3;
 constexpr std::size_t kLeastPatches = 10;  // of a class in a fold
 
@@ -188,14 +188,16 @@ std::vector<int> range(int first, int count) {
 }
 
 // The strongest cues but rate that are not chance, at most two. What changes other cues as well stands before them in
-// kCueGroups, and is named before them unless it is weaker by kTie.
+// kCueGroups, and is named before them if its area's excess over chance is at
+// least kTie of the strongest one's.
 std::vector<std::string> named(std::vector<Cue> cues) {
-  std::erase_if(cues,
-                [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5 || c.auc.value < 0.5 + kTie; });
+  std::erase_if(
+      cues, [](const Cue& c) { return c.name == "rate" || c.auc.interval.low <= 0.5 || c.auc.value < kLeastNamed; });
   std::vector<std::string> names;
   while (!cues.empty() && names.size() < 2) {
     const auto most = std::ranges::max(cues, {}, [](const Cue& c) { return c.auc.value; }).auc.value;
-    const auto first = std::ranges::find_if(cues, [&](const Cue& c) { return c.auc.value >= most - kTie; });
+    const auto first =
+        std::ranges::find_if(cues, [&](const Cue& c) { return c.auc.value - 0.5 >= kTie * (most - 0.5); });
     names.push_back(first->name);
     cues.erase(first);
   }
@@ -203,7 +205,7 @@ std::vector<std::string> named(std::vector<Cue> cues) {
 }
 
 // The recording against itself: a label is drawn for each block, ten times. The interval is that of one draw.
-Auc floor_of(const std::vector<Patch>& patches, const std::vector<int>& features, std::uint64_t seed) {
+std::optional<Auc> floor_of(const std::vector<Patch>& patches, const std::vector<int>& features, std::uint64_t seed) {
   constexpr int kLabels = 10;
   std::mt19937_64 random(seed);
   double sum = 0, square = 0, n = 0;
@@ -221,7 +223,7 @@ Auc floor_of(const std::vector<Patch>& patches, const std::vector<int>& features
   }
   if (n < 2) return {};
   const double mean = sum / n, spread = 1.96 * std::sqrt(std::max(0.0, square - n * mean * mean) / (n - 1));
-  return {mean, {std::max(0.0, mean - spread), std::min(1.0, mean + spread)}};
+  return Auc{mean, {std::max(0.0, mean - spread), std::min(1.0, mean + spread)}};
 }
 
 Json json_of(const Auc& a) { return {{"auc", a.value}, {"interval", {a.interval.low, a.interval.high}}}; }
@@ -252,7 +254,9 @@ std::optional<Realism> realism(const events::Stream& real, const events::Stream&
   Realism r;
   r.real_patches = real_patches.size(), r.sim_patches = sim_patches.size();
   std::vector<Row> matched = rows;
-  if (!weigh(rows, false) || !weigh(matched, true)) return {};
+  if (!weigh(rows, false)) return {};
+  r.matched = weigh(matched, true);
+  if (!r.matched) matched = rows;
   const auto all = range(0, kFeatures);
   r.all = auc_of(rows, all, blocks.size(), seed);
   r.floor = floor_of(real_patches, all, seed);
@@ -275,17 +279,18 @@ std::optional<Realism> realism(const events::Stream& real, const events::Stream&
 std::vector<std::string> sentences(const Realism& r) {
   std::vector<std::string> found{fmt::format(
       "Realism: a classifier tells patches of the simulation from patches of the recording with an area under the "
-      "curve "
-      "of {:.2f} ({:.2f} to {:.2f}); 0.5 is chance, 1 is always. Recording against itself: {:.2f} ({:.2f} to {:.2f}).",
-      r.all.value, r.all.interval.low, r.all.interval.high, r.floor.value, r.floor.interval.low,
-      r.floor.interval.high)};
+      "curve of {:.2f} ({:.2f} to {:.2f}); 0.5 is chance, 1 is always. Recording against itself: {}.",
+      r.all.value, r.all.interval.low, r.all.interval.high,
+      r.floor ? fmt::format("{:.2f} ({:.2f} to {:.2f})", r.floor->value, r.floor->interval.low, r.floor->interval.high)
+              : "too few patches")};
   for (const std::string& name : r.named) {
     const Cue& c = *std::ranges::find(r.cues, name, &Cue::name);
-    found.push_back(fmt::format(
-        "{} cue: {} (area {:.2f}). Among patches of equal numbers of events, the {} is {:.3g} in the recording and "
-        "{:.3g} "
-        "in the simulation. To change: {}.",
-        found.size() == 1 ? "Strongest" : "Second", c.name, c.auc.value, c.quantity, c.real, c.sim, c.values));
+    found.push_back(
+        fmt::format("{} cue: {} (area {:.2f}). Among patches{}, the {} is {:.3g} in the recording and "
+                    "{:.3g} "
+                    "in the simulation. To change: {}.",
+                    found.size() == 1 ? "Strongest" : "Second", c.name, c.auc.value,
+                    r.matched ? " of equal numbers of events" : "", c.quantity, c.real, c.sim, c.values));
   }
   const Cue& rate = r.cues.front();
   if (rate.auc.interval.low > 0.5)
@@ -295,13 +300,17 @@ std::vector<std::string> sentences(const Realism& r) {
                     rate.real, rate.sim, rate.auc.value, rate.values));
   else if (r.named.empty())
     found.emplace_back("No cue alone tells them apart.");
+  if (!r.matched)
+    found.emplace_back(
+        "Numbers of events per patch hardly overlap, so that every cue may show the rate: change it first.");
   return found;
 }
 
 Json to_json(const Realism& r) {
   Json json = json_of(r.all);
-  json["floor"] = json_of(r.floor);
+  json["floor"] = r.floor ? json_of(*r.floor) : Json(nullptr);
   json["patches"] = {{"real", r.real_patches}, {"sim", r.sim_patches}};
+  json["matched"] = r.matched;
   json["named"] = r.named;
   for (const Cue& c : r.cues) {
     Json cue = json_of(c.auc);

@@ -92,6 +92,25 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
     assert result.returncode == 4 and "no.json: centre_x" in result.stderr
 
 
+def test_realism_names_a_clock(pecs_program, tmp_path):
+    """The same numbers in Python and from files of two types; a simulation on a clock of 1 ms is known by it."""
+    streams = [stream(100_000, seed, 192, 128) for seed in (1, 2)]
+    for s in streams:
+        s["t"] *= 10
+    streams[1]["t"] -= streams[1]["t"] % 1000
+    for name, s in zip(("real.csv", "sim.csv", "real.npz", "sim.npz"), streams * 2, strict=True):
+        pecs.write(tmp_path / name, s, 192, 128)
+    ours = pecs.compare(*streams, width=192, height=128, realism=True)
+    assert ours["realism"]["named"][0] == "clock" and ours["realism"]["auc"] > 0.9
+    low, high = ours["realism"]["floor"]["interval"]
+    assert low < 0.5 < high
+    for names in (("real.csv", "sim.csv"), ("real.npz", "sim.npz")):
+        result = pecs_program("compare", *names, "--realism", "--json", cwd=tmp_path)
+        assert json.loads(result.stdout) == ours, result.stderr
+    shown = pecs_program("compare", "real.csv", "sim.csv", "--realism", cwd=tmp_path).stdout
+    assert "Strongest cue: clock" in shown and "timestamp_s" in shown
+
+
 @pytest.mark.parametrize(
     "arguments, code, line",
     [

@@ -26,9 +26,11 @@ struct Cue {
 };
 
 struct Realism {
-  Auc all, floor;  // by all features; the recording against itself, a label drawn for each block
+  Auc all;                   // by all features
+  std::optional<Auc> floor;  // the recording against itself, a label drawn for each block; empty for few patches
   std::vector<Cue> cues;
   std::vector<std::string> named;  // the strongest cues above the floor but rate, at most two, strongest first
+  bool matched = true;  // patches of equal numbers of events exist: the cues but rate are compared among them
   std::size_t real_patches = 0, sim_patches = 0;
 };
 
