@@ -23,7 +23,8 @@ LEAD_US = 2 * PERIOD_US - BEGIN_US  # the first exposure begins at 0, one period
 
 def light(folder):
     """Irradiance [H, W] in relative units, of the mean frame."""
-    grey = np.mean([np.asarray(Image.open(path), float) for path in sorted((folder / "frames").glob("003[234].png"))], 0)
+    paths = sorted((folder / "frames").glob("003[234].png"))
+    grey = np.mean([np.asarray(Image.open(path), float) for path in paths], 0)
     return np.clip((grey - BLACK_DN) / (WHITE_DN - BLACK_DN), DARKEST, None)
 
 
@@ -45,7 +46,8 @@ def simulate(folder, out, seed):
 def of_windows(events, begin_us):
     t_us = events["t"] - begin_us
     inside = (t_us >= 0) & (t_us < 3 * PERIOD_US)
-    return t_us[inside], (events["y"][inside].astype(int) * WIDTH + events["x"][inside]), events["p"][inside].astype(int)
+    pixels = events["y"].astype(int) * WIDTH + events["x"]
+    return t_us[inside], pixels[inside], events["p"][inside].astype(int)
 
 
 def scores(t_us, pixel, p):
@@ -65,7 +67,7 @@ def scores(t_us, pixel, p):
 
 
 def draw(recorded, simulated, path):
-    import matplotlib.pyplot as plt  # noqa: PLC0415
+    import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(4, 1, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
     edges = np.arange(0, PERIOD_US, 500)
