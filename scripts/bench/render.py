@@ -1,4 +1,4 @@
-"""What a band pass costs over a plain Cycles render of the same scene, instants and samples: scenes/room, no lens.
+"""The cost of a band pass over a plain Cycles render of the same scene, instants and samples: scenes/room, no lens.
 Plain and banded rounds alternate; seconds are CPU seconds of all threads, which other work disturbs least. Prints JSON.
 
     .venv/bin/python scripts/bench/render.py [--width 480] [--samples 16] [--frames 5]

@@ -294,7 +294,7 @@ def programs(rows: dict, fits: dict, recording: str, evaluations: int, v2e: str,
     return [score_table(columns), table(head, [[peer, *(cell(row[k]) for k in keys)] for peer, row in rows.items()])]
 
 
-# What a classifier sees.
+# A classifier.
 
 
 def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object) -> list[str]:

@@ -29,7 +29,7 @@ struct Bordered {
   }
 };
 
-// What of an event depends on the others: log10 us since the last event of its pixel (none: -1) and whether that had
+// Cues of an event that depend on others: log10 us since the last event of its pixel (none: -1) and whether that had
 // the other polarity; log10 us since the last event of its polarity of the eight neighbours; whether it has no event
 // of pixel or neighbours within kIsolated_us.
 struct Around {
@@ -63,7 +63,7 @@ std::vector<Around> around_of(std::span<const Event> events, int width, int heig
   return found;
 }
 
-// Of a block in one half of the time.
+// Sums over a block in one half of the time.
 struct Pattern {
   double covariance = 0, square = 0, hot = 0, hot_pixels = 0, all = 0, on = 0;
 };

@@ -34,8 +34,8 @@ struct Patch {
   std::array<float, kFeatures> values;
 };
 
-// Of events in time order within [0, end_us). Cues of time, but not that of the clock, see times in multiples of
-// tick_us.
+// The patches of events in time order within [0, end_us). Cues of time, but not that of the clock, see times in
+// multiples of tick_us.
 std::vector<Patch> patches_of(std::span<const events::Event> events, int width, int height, std::int64_t end_us,
                               std::int64_t tick_us);
 

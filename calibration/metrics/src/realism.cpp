@@ -103,7 +103,7 @@ struct Scored {
   std::size_t block;
 };
 
-// Of rows in the order of their scores, with a factor for each block.
+// The area of rows in the order of their scores, with a factor for each block.
 double area(const std::vector<Scored>& rows, const std::vector<double>& factors) {
   double below = 0, won = 0;
   std::array<double, 2> total{};

@@ -91,7 +91,7 @@ def missing(recipe: Recipe, output: Path) -> list[int]:
 
 
 def _numbers(found: dict[str, Any]) -> dict[str, Any]:
-    """What a set is selected by, of the checks of an event camera."""
+    """The numbers of an event camera's checks by which a set is selected."""
     events, motion = found["events"], found.get("motion") or {}
     shares = ("noise_share", "render_noise_share", "camera_noise_share", "dropped_share")
     row = {"events": events["count"], "rate_per_pixel_hz": events["rate_per_pixel_hz"]}

@@ -1,5 +1,5 @@
 #pragma once
-// What optical flow sees of a frame.
+// The picture of a frame that optical flow takes.
 #include <opencv2/core.hpp>
 
 #include "pecs/sensor/source.h"

@@ -40,7 +40,7 @@ struct Picture {
   cv::Mat grey, ln;  // as grey_of; logarithm of the relative light
 };
 
-// Of one interval.
+// The estimate of one interval.
 struct Estimate {
   std::int64_t frame = 0;
   cv::Mat flow[2];    // from the first frame, and from the second one [px]

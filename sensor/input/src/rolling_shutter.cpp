@@ -75,7 +75,7 @@ const GlobalShutter::Frame& GlobalShutter::frame(std::int64_t index) const {
   return frames_.emplace_back(std::move(read));
 }
 
-// Of each point, from its row's time to that of the middle row [px].
+// The displacement of each point from its row's time to that of the middle row [px].
 cv::Mat GlobalShutter::displacement(std::int64_t index) const {
   cv::Mat flow[2];             // to the frame before, and to the one after
   double interval_us[2] = {};  // negative: before

@@ -337,7 +337,7 @@ class ActivePixels {
     next_part(t, g, done);
   }
 
-  // Where the refractory period ends in the part at work, the part begins there.
+  // The part at work begins where the refractory period ends in it.
   HWY_INLINE void wake(const IntervalTimes& t, ActiveLanes& g, M seeking) {
     const F f;
     const V blind = get(g.blind), from = get(g.from), begin = time_of(g, from), end = time_of(g, get(g.to));

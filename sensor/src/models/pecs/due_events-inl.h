@@ -1,4 +1,4 @@
-// What comes to pixels at given times: background events, and exposures of the chip's frames. Included once per
+// Events of pixels at given times: background events, and exposures of the chip's frames. Included once per
 // instruction set.
 #if defined(PECS_DUE_EVENTS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef PECS_DUE_EVENTS_INL_H_

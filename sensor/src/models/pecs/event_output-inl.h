@@ -35,7 +35,7 @@ class EventOutput {
     const double noise = sign * double{noise_now - mark.noise};
     const double leaked = sign * a_.constants.leak_per_us * (t_us - mark.t_us);
     const double threshold = on ? rows_.on[p] : rows_.off[p];
-    // What is left of an exposure's step, against all else since.
+    // The rest of an exposure's step, against all else since.
     const double since_us = t_us - mark.step_us;
     const double stepped = sign * mark.step * std::exp(-a_.constants.a_per_us * rows_.i[0][p] * since_us);
     const double moved = threshold - sign * double{mark.output - reference};

@@ -203,8 +203,8 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        marks_.empty() ? nullptr : marks_.data()});
 }
 
-// Of all exposures whose steps some row has in [begin_us, end_us), times since the clock of the frames began at
-// clock_us: as in ChipFrames.
+// The steps of all exposures that some row has in [begin_us, end_us). Times count from clock_us, when the clock of
+// the frames began, as in ChipFrames.
 std::vector<ExposureStep> PecsPixels::exposure_steps(double begin_us, double end_us, double clock_us) const {
   std::vector<ExposureStep> steps;
   auto frame = static_cast<std::int64_t>(std::floor((begin_us - rolled_us_ - frame_exposure_us_) / frame_period_us_));

@@ -34,7 +34,7 @@ struct Realism {
   std::size_t real_patches = 0, sim_patches = 0;
 };
 
-// What a stream must have in each quarter of time and sensor.
+// The least that a stream must have in each quarter of time and sensor.
 inline constexpr const char* kRealismRequires =
     "10 patches (32x32 pixels, 10 ms) with 20 events in each quarter of both files (half of time and sensor)";
 
