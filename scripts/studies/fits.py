@@ -9,7 +9,7 @@ Results are in fits.json (docs/studies/validation.md, blind_spots.md); each part
     scripts/studies/fits.py programs R_360_L.hdf5 --v2e PATH --icns PATH    programs instead of models: 15 minutes
     scripts/studies/fits.py peers BRIGHTER.hdf5 --keep scripts/studies/fits.json --output brighter.json
 
-    scripts/studies/fits.py realism R_360_L.hdf5        whether a classifier tells them apart: 5 minutes, 2 GB
+    scripts/studies/fits.py realism R_360_L.hdf5        whether a classifier tells them apart: 2 minutes, 1 GB
 
     [--output FILE] [--only MODEL ...] [--evaluations N]
 
@@ -48,6 +48,7 @@ FOLD_COARSER, FOLD_MODELS = 9, ("pecs", "v2e", "icns")
 EVERY = np.ones((2, REGIONS), bool)
 INNER, ON = EVERY & (np.arange(REGIONS) < SECTORS), EVERY & (np.arange(2)[:, None] == 1)
 DASH = "–"
+SCENE_LUX = 148.0  # of R_360_L
 
 
 def chosen(names: list[str], known: dict, only: list[str]) -> list[str]:
@@ -298,16 +299,18 @@ def programs(rows: dict, fits: dict, recording: str, evaluations: int, v2e: str,
 
 
 def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object) -> list[str]:
-    """The whole recording in the ring of the disk, every pixel. `NAME, defaults`: the light and the chip of `pecs as
-    shipped`, each model's own defaults."""
+    """The whole recording in the ring of the disk, on the grid of the scores. `NAME, defaults`: the light and the chip
+    of `pecs as shipped`, each model's own defaults."""
     halves = Halves(recording)
-    stage, whole = halves.stage(1, Part(0, halves.duration_us)), (halves.disk, 0, halves.duration_us)
-    real, known = between(halves.events, *whole)[0], fits[SHIPPED]["values"]
+    stage = halves.stage(SCORE_COARSER, Part(0, halves.duration_us))
+    whole = halves.disk.coarser(SCORE_COARSER), 0, halves.duration_us
+    real = between(on_grid(halves.events, SCORE_COARSER, 1), *whole)[0]
+    known = fits[SHIPPED]["values"] | {"white_lux": SCENE_LUX}
     models = {name: fits[name]["values"] for name in (SHIPPED, *fitted.BOXES)}
     models |= {f"{name}, defaults": known for name in fitted.BOXES if name != "pecs"}
     for name in chosen(list(models), rows, only):
         events = between(stage.events(name.split(",")[0].split()[0], models[name], 2), *whole)[0]
-        size = {"width": halves.events.width, "height": halves.events.height, "origin": "zero", "split_half": False}
+        size = {"width": stage.width, "height": stage.height, "origin": "zero", "split_half": False}
         rows[name] = pecs.compare(real, events, realism=True, **size)["realism"] or {}
     cells = []
     for name, row in rows.items():
