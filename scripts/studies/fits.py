@@ -311,14 +311,15 @@ def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object
     for name in chosen(list(models), rows, only):
         events = between(stage.events(name.split(",")[0].split()[0], models[name], 2), *whole)[0]
         size = {"width": stage.width, "height": stage.height, "origin": "zero", "split_half": False}
-        rows[name] = pecs.compare(real, events, realism=True, **size)["realism"] or {}
+        found = pecs.compare(real, events, realism=True, **size)["realism"] or {}
+        rows[name] = found and found | {"cues": {cue: one["auc"] for cue, one in found["cues"].items()}}
     cells = []
     for name, row in rows.items():
-        of = [row, row["floor"], *row["cues"].values()] if row else []
+        of = [row, row["floor"]] if row else []
         named = ", ".join(row["named"]) if row else "silent"
-        areas = (with_interval([r["auc"], *r["interval"]]) if r else DASH for r in of[:2])
+        areas = (with_interval([r["auc"], *r["interval"]]) if r else DASH for r in of)
         cells.append([name, *areas, named])
-        cells[-1] += [cell(r["auc"]) for r in of[2:]]
+        cells[-1] += map(cell, row["cues"].values() if row else [])
     cues = next(row for row in rows.values() if row)["cues"]
     return [table(["model", "area", "recording against itself", "named", *cues], cells)]
 
