@@ -321,7 +321,7 @@ def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object
         cells.append([name, *areas, named])
         cells[-1] += map(cell, row["cues"].values() if row else [])
     cues = next(row for row in rows.values() if row)["cues"]
-    return [table(["model", "area", "recording against itself", "named", *cues], cells)]
+    return [table(["simulation", "area", "recording against itself", "named", *cues], cells)]
 
 
 PARTS = {

@@ -69,7 +69,7 @@ def test_the_readme_has_the_numbers_of_the_validation():
     others = {name: float(value) for name, value in factors if name in ("v2e", "voltmeter", "icns", "esim")}
     nearest = min(others, key=others.get)
     assert rows[2]["nearest other"] == f"{others[nearest]:.1f} ({nearest.upper()})"
-    seen = table("docs/studies/validation.md", "model")
+    seen = table("docs/studies/validation.md", "simulation")
     area = {name: seen[name]["area"].split(" (")[0] for name in ("pecs", "esim", "v2e", "voltmeter", "icns")}
     nearest = min(area.keys() - {"pecs"}, key=lambda name: float(area[name]))
     floor = seen["pecs"]["recording against itself"].split(" (")[0]
