@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Events by frames of a DAVIS240C, recorded beside simulated: the table and picture of docs/reference/sensor.md.
 
 The recording (still windows of EDI's camerashake, Pan et al., CVPR 2019) is not in the repository: FOLDER has still.npz

@@ -262,10 +262,10 @@ Chip without_noise(Chip chip) {
   return chip;
 }
 
-void check_fits(const Chip& chip, int width, int height, const std::string& source) {
+void check_fits(const Chip& chip, int width, int height, const std::string& source, const std::string& remedy) {
   if ((chip.width > 0 && width > chip.width) || (chip.height > 0 && height > chip.height))
     throw bad_input(source, "size", fmt::format("{}x{}", width, height),
-                    fmt::format("at most {}'s {}x{}", chip.name, chip.width, chip.height));
+                    fmt::format("at most {}'s {}x{}{}", chip.name, chip.width, chip.height, remedy));
 }
 
 void check_has_frames(const Chip& chip, const std::string& option) {

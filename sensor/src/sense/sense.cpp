@@ -69,7 +69,7 @@ std::shared_ptr<FrameSource> checked_source(const SenseOptions& options, const C
     throw bad_input(name, "frames", fmt::format("{} so far", source->frames()),
                     fmt::format("the {} of times_ns", info.times_ns.size()));
   if (source->frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
-  check_fits(chip, info.width, info.height, name);
+  check_fits(chip, info.width, info.height, name, source->estimates_motion() ? " (--size or --crop)" : "");
   reject_unused(options, *source);
   model_to_json(options.model);  // throws for an unknown model or parameter
   return source;

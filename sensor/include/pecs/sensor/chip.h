@@ -122,8 +122,8 @@ void apply_biases(Chip& chip, const BiasSettings& biases, const std::vector<std:
 // Photon noise, leak, background events, hot pixels and mismatch off: a still scene gives no events.
 Chip without_noise(Chip chip);
 
-// Throws bad_input for a picture larger than the chip, naming `source`.
-void check_fits(const Chip& chip, int width, int height, const std::string& source);
+// Throws bad_input for a picture larger than the chip, naming `source` and, at its end, the remedy.
+void check_fits(const Chip& chip, int width, int height, const std::string& source, const std::string& remedy = "");
 void check_has_frames(const Chip& chip, const std::string& option);  // throws usage
 
 // All values with their units and the relative quantum efficiency, after overrides, for run records.
