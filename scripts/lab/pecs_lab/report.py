@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+MOST_COLUMNS = 110  # of a table of values in JSON
+
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in (head, ["---"] * len(head), *rows))
@@ -25,7 +27,11 @@ def with_interval(found: Sequence[float | None]) -> str:
 
 
 def write(path: Path, results: dict[str, Any]) -> None:
-    """With seven digits; a list of values is one line."""
+    """With seven digits; a list or a table of values is one line if it fits into MOST_COLUMNS."""
+
+    def line(of: re.Match[str]) -> str:
+        text = json.dumps(json.loads(of[0]))
+        return text if of[0][0] == "[" or len(text) <= MOST_COLUMNS else of[0]
 
     def short(of: Any) -> Any:
         if isinstance(of, dict):
@@ -35,4 +41,4 @@ def write(path: Path, results: dict[str, Any]) -> None:
         return float(f"{of:.7g}") if isinstance(of, float) else of
 
     text = json.dumps(short(results), indent=1)
-    path.write_text(re.sub(r"\[[^][{}]*\]", lambda of: json.dumps(json.loads(of[0])), text) + "\n")
+    path.write_text(re.sub(r"[{[][^][{}]*[]}]", line, text) + "\n")
