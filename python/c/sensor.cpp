@@ -174,6 +174,7 @@ int64_t pecs_sensor_frames(const pecs_sensor* sensor, uint16_t* values, int64_t*
                            int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     const auto& frames = given(sensor, "sensor").frames;
+    if (capacity > 0) given(values, "values"), given(exposures_us, "exposures_us"), given(bits, "bits");
     for (std::size_t i = 0; i < frames.size() && static_cast<std::int64_t>(i) < capacity; ++i) {
       std::ranges::copy(frames[i].values, values + i * frames[i].values.size());
       exposures_us[2 * i] = frames[i].begin_us, exposures_us[2 * i + 1] = frames[i].end_us;

@@ -318,7 +318,7 @@ PECS_API int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frame
 /* Copies the events of the last push, sorted by time, then row, then column. Returns how many; `capacity` must hold
  * them. */
 PECS_API int64_t pecs_sensor_events(const pecs_sensor* sensor, pecs_event* out, int64_t capacity, pecs_error* error);
-/* With "labels": the cause of each of them: 0 signal, 1 leak, 2 noise, 3 hot pixel. */
+/* With "labels": the cause of each of them: 0 signal, 1 leak, 2 noise, 3 hot pixel, 6 chip_frames. */
 PECS_API int64_t pecs_sensor_labels(const pecs_sensor* sensor, uint8_t* out, int64_t capacity, pecs_error* error);
 /* With "chip_frames": frames of a DAVIS that the last push completed. values: [count][height][width], below 2^bits;
  * exposures_us: [count][2], begin and end (of the middle row). Returns how many; copies as many as `capacity` allows.

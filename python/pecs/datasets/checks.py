@@ -97,7 +97,8 @@ def left_out(camera: Camera) -> dict[str, Any]:
         if i + 1 < len(truth):
             hidden.append(float(1 - truth.visible_at(i).mean()))
             px_s = np.hypot(*np.moveaxis(truth.flow(i), -1, 0)) * 1e6 / (truth.times_us[i + 1] - truth.times_us[i])
-            moved.append(np.nanpercentile(px_s, (50, 90)))
+            if (known := px_s[np.isfinite(px_s)]).size:
+                moved.append(np.percentile(known, (50, 90)))
     names = sorted(o["name"] for o in truth.objects if o["id"] in truth.deforming)
     found = {"objects_that_deform": ", ".join(names), "share_of_pixels": float(np.mean(shares))}
     found["flow_hidden_or_outside"] = float(np.mean(hidden)) if hidden else None
