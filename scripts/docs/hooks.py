@@ -52,7 +52,7 @@ def linked(start):
 
 
 def notebook(path):
-    """Its text and its code; the picture beside it is what it draws."""
+    """Its text and its code; picture.png of its folder is what it draws."""
     cells = json.loads((ROOT / path).read_text(encoding="utf-8"))["cells"]
     text = [(cell["cell_type"], "".join(cell["source"])) for cell in cells]
     parts = [source if kind == "markdown" else f"```python\n{source}\n```" for kind, source in text]

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes the data set to download of a release, dist/pecs_sample-VERSION.tar.gz: four short sequences with ground truth, a README and
-# a loader, which is run at the end. `pecs dataset` makes the sequences; run the script again to resume. 7 CPU minutes,
-# 0.2 GB.
+# Makes the data set to download of a release, dist/pecs_sample-VERSION.tar.gz: four short sequences with ground truth, a
+# README and a loader, which is run at the end. `pecs dataset` makes the sequences; run the script again to resume.
+# 7 CPU minutes, 0.2 GB.
 source "$(dirname "$0")/../lib.sh"
 NAME=pecs_sample-$(cat VERSION)
 SET=out/$NAME

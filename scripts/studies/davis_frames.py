@@ -1,5 +1,5 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""Events by frames of a DAVIS240C, recorded beside simulated: the table and picture of docs/reference/sensor.md.
+"""Events by frames of a DAVIS240C, recorded and simulated: the table and picture of docs/reference/sensor.md.
 
 The recording (still windows of EDI's camerashake, Pan et al., CVPR 2019) is not in the repository: FOLDER has still.npz
 (t in us, x, y, p of three windows, each from a frame's readout to the next) and frames/0032.png to 0034.png. The light

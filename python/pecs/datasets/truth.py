@@ -3,6 +3,7 @@ objects.json."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -108,13 +109,19 @@ class Truth:
         to = i + 1 if to is None else to
         if to == i:
             raise IndexError(f"{self.folder}: flow from {i}: got to {to}, wanted another instant")
+        *_, out = self._flows(i, to)
+        return out
+
+    def _flows(self, i: int, to: int) -> Iterator[NDArray[np.float32]]:
+        """From instant i to each following one up to `to`."""
         step = 1 if to > i else -1
         out = self._one_flow(i, step)
+        yield out
         ids = self.instances(i) if abs(to - i) > 1 and "objects" in self.layers else None
         for k in range(i + step, to, step):
             there = None if ids is None else self.instances(k)
             out = out + _follow(self._one_flow(k, step), out, ids, there)
-        return out
+            yield out
 
     def _one_flow(self, i: int, step: int) -> NDArray[np.float32]:
         """From instant i to its neighbour."""
@@ -136,9 +143,10 @@ class Truth:
             raise IndexError(f"{self.folder}: visible at {i}: got to {to}, wanted another instant")
         step = 1 if to > i else -1
         out = self._visible_next(i, step)
-        for k in range(i + step, to, step):
+        between = range(i + step, to, step)
+        for k, flow in zip(between, self._flows(i, to - step) if between else (), strict=True):
             y, x = np.nonzero(out)
-            at = np.rint(np.stack([x, y], -1) + np.nan_to_num(self.flow(i, k)[y, x], nan=-1e6)).astype(int)
+            at = np.rint(np.stack([x, y], -1) + np.nan_to_num(flow[y, x], nan=-1e6)).astype(int)
             inside = (at >= 0).all(-1) & (at < self.shape[::-1]).all(-1)
             there = np.clip(at, 0, np.array(self.shape[::-1]) - 1)
             out[y, x] = inside & self._visible_next(k, step)[there[:, 1], there[:, 0]]

@@ -22,7 +22,7 @@ class ChipFrames {
   ChipFrames(const Chip& chip, int width, int height, double unit_fa, std::optional<std::uint64_t> seed,
              std::int64_t from_us = 0, std::int64_t to_us = INT64_MAX);
 
-  // Light of the rows, indexed by the pixel in the whole picture; begins anew with the first time of other rows.
+  // Light of the rows, indexed by the pixel in the whole picture; starts again with the first time of other rows.
   void add(std::span<const float* const> planes, std::span<const double> t_us, Region rows);
   // The frames that the light so far completes, in order, with times from `from_us`.
   std::vector<events::Frame> take();
