@@ -19,7 +19,7 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
-[ "$WITH_TESTS" = ON ] && PACKAGES+=(ccache libgtest-dev python3-torch python3-torchvision)
+[ "$WITH_TESTS" = ON ] && PACKAGES+=(ccache libgtest-dev python3-torch python3-torchvision libgl1-mesa-dri)
 
 # use_checkout PYTHON: its `import pecs` and `-m pecs_blender` come from this checkout.
 use_checkout() {

@@ -43,7 +43,7 @@ class Light(Layer):
         Wherever a frame has bands, those of each group of `stage.lamps` follow (Judge.lit)."""
         scene = stage.source.scene
         self.channels = tuple(f"{nm:g} nm" for nm in stage.lambda_nm)
-        self._stage, self._film = stage, cycles.Film(scene)
+        self._stage, self._film = stage, stage.film(sampling.samples)
         self._around_px = BLUR_PX if any(one.blurs for one in stage.passes) else 0
         self._denoiser = denoise.Denoiser(sampling.threads) if sampling.denoise else None
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
@@ -141,17 +141,17 @@ class Light(Layer):
             self._stage.spectral.set_pass(one.channels)
             for first, patches in zip(firsts, rendered, strict=True):
                 with cycles.sample_subset(scene, first, self._call_samples):
-                    for box, patch in zip(boxes_px, patches, strict=True):
-                        self._render_box(box, patch, one, guides, count)
-        cycles.set_border(scene, None)
+                    pictures = self._film.parts(boxes_px, "Combined", *self._stage.lamps.names, *guides)
+                    for box, patch, picture in zip(boxes_px, patches, pictures, strict=True):
+                        self._keep(box, patch, one, picture, guides, count)
         return rendered
 
-    def _render_box(self, box: Box, patch: np.ndarray, one: lenses.Pass, guides: tuple[str, ...], count: int) -> None:
-        """Renders one pass, the count-th, into its bands of a patch and into the means of guides."""
-        bands, lamps = len(self._to_film), self._stage.lamps.names
-        cycles.set_border(self._stage.source.scene, None if box == (0, 0, *self._stage.size) else box)
-        pictures = self._film.passes("Combined", *lamps, *guides)
-        for group, light in enumerate(_apart(pictures, lamps)):
+    def _keep(
+        self, box: Box, patch: np.ndarray, one: lenses.Pass, pictures: dict, guides: tuple[str, ...], count: int
+    ) -> None:
+        """Puts the pictures of one pass, the count-th, into its bands of a patch and into the means of guides."""
+        bands = len(self._to_film)
+        for group, light in enumerate(_apart(pictures, self._stage.lamps.names)):
             own = slice(*(end + group * len(self.channels) for end in (one.bands.start, one.bands.stop)))
             patch[own] = light[: own.stop - own.start] * self._to_film[own][at(box)]
         for index, name in enumerate(guides):

@@ -9,8 +9,9 @@ from typing import Any
 
 import bpy
 import numpy as np
+from pecs._errors import UsageError
 
-from ..scene import cycles
+from ..scene import cycles, raster
 from ..scene.lamps import Lamps
 from ..scene.source import Source
 from ..spectral.palette import choose, words
@@ -31,10 +32,14 @@ class Stage:
 
     def __init__(self, source: Source, plan: Plan, scratch: Path):
         view, bands, scene = plan.view, plan.bands, source.scene
-        self.source, self.scratch = source, scratch
+        self.source, self.scratch, self._engine = source, scratch, plan.sampling.engine
         self.size, self.subpixels, self.moving_px = view.size, view.subpixels, view.moving_px
         self.lens = lens.choose(source, view)
         self.devices = cycles.device_names(plan.sampling.device)
+        if self._engine == "eevee" and plan.light:
+            raster.check_graphics()
+        if self.lens and self._engine == "eevee":
+            raise UsageError("--engine eevee has no --lens: --lens none takes a pinhole or the .blend's camera")
         cycles.configure(scene, *self.size, plan.sampling)
         self.spectral = SpectralScene(bands.illuminant, source.folder, source.unit_m)
         self._chosen = choose(bands, self.spectral)
@@ -69,6 +74,11 @@ class Stage:
         """The camera that renders a pass now."""
         return one.camera or self.source.own_camera
 
+    def film(self, samples: int) -> cycles.Film | raster.Film:
+        """Renders what the scene's camera sees. samples: of each rendered pixel, for the raster engine."""
+        scene = self.source.scene
+        return raster.Film(scene, samples, self.scratch) if self._engine == "eevee" else cycles.Film(scene)
+
     def print_bands(self) -> None:
         """Their number, and the estimated error."""
         if self._chosen.edges_nm:
@@ -87,7 +97,7 @@ class Stage:
             "emitters": [s.name for s in self.spectral.emitters.spectra],
             "lamps": [[nm, float(f"{power:.6g}")] for nm, power in self.spectral.emitters.mean_pairs() or []],
             "radiance_per_relative_power": self.radiance_per_unit if plan.light else None,
-            "approximated": self.spectral.approximated,
-            "cycles": cycles.SETTINGS | source.bounces,
+            "approximated": self.spectral.approximated + [raster.APPROXIMATED] * (self._engine == "eevee"),
+            **({"eevee": raster.SETTINGS} if self._engine == "eevee" else {"cycles": cycles.SETTINGS | source.bounces}),
             "device": ", ".join(self.devices),
         }

@@ -75,17 +75,19 @@ def _layers_s(job: Render) -> float:
 def _light_s(job: Render) -> float:
     """Time per instant, extrapolated from a strip of a sixteenth of the picture in the first pass."""
     stage, scene = job.stage, job.stage.source.scene
-    film, (width, height) = cycles.Film(scene), stage.size
+    film, (width, height) = stage.film(scene.cycles.samples), stage.size
     stage.set_time(job.instants.times_ns[0] * 1e-9)
     scene.camera = stage.camera_of(stage.passes[0])
     scene.cycles.samples *= stage.rays_per_sample
     stage.spectral.set_pass(stage.passes[0].channels)
     strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)
-    cycles.set_border(scene, strip)
-    film.render()  # builds scene and shaders
-    start = time.perf_counter()
-    film.render()
-    return (time.perf_counter() - start) * height / (strip[3] - strip[1]) * len(stage.passes)
+    times_s = []
+    for _ in range(2):  # the first builds scene and shaders
+        start = time.perf_counter()
+        list(film.parts([strip], "Combined"))
+        times_s.append(time.perf_counter() - start)
+    parts = 1 if job.sampling.engine == "eevee" else height / (strip[3] - strip[1])  # it draws the whole picture
+    return times_s[1] * parts * len(stage.passes)
 
 
 def _duration(seconds: float) -> str:

@@ -20,6 +20,8 @@ TIMES = tuple(SAMPLES)
 PLACEMENTS = ("means", "gauss", "uniform")
 MOST_BANDS = 256
 MOST_PX = 8192  # of a stack, each way
+ENGINES = ("cycles", "eevee")
+CYCLES_ONLY = ("no_denoise", "light_tree", "noise_events", "device", "seed", "moving_px")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 
 
@@ -219,6 +221,11 @@ class Options:
     )
     light_tree: bool = option(
         False, "reduces noise in scenes with several lamps; if a lamp moves, noise changes in the whole picture"
+    )
+    engine: str = option(
+        "cycles",
+        "cycles traces paths; eevee draws direct light on a graphics card, without a lens and light between surfaces",
+        choices=ENGINES,
     )
     device: str = option("CPU", "device of Cycles; a lens requires CPU or OPTIX", choices=DEVICES)
     seed: int = option(1, "random seed", low=0, high=2**31 - 1)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pecs
+from pecs._arguments import flag
 from pecs._errors import UsageError
 
 from ..camera.plan import Plan, View, lower_threshold
@@ -18,7 +19,7 @@ from ..scene.source import Source
 from ..scene.timeline import Instants, timeline
 from ..spectral.bands import TOLERANCE, Bands
 from ..spectral.spectra import spectrum
-from .options import MOST_PX, Options
+from .options import CYCLES_ONLY, DEFAULTS, MOST_PX, Options
 
 TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
 
@@ -98,7 +99,7 @@ def _bands(options: Options, source: Source, chip: pecs.Chip) -> Bands:
 
 
 def _sampling(options: Options, source: Source, subpixels: int) -> Sampling:
-    denoise = options.is_adaptive and not options.no_denoise
+    denoise = options.is_adaptive and not options.no_denoise and options.engine == "cycles"
     least = 2 if denoise else 1
     return Sampling(
         samples=least * -(-options.samples_per_pixel // (least * subpixels**2)),
@@ -109,6 +110,7 @@ def _sampling(options: Options, source: Source, subpixels: int) -> Sampling:
         denoise=denoise,
         light_tree=options.light_tree,
         noise_events=options.noise_events,
+        engine=options.engine,
     )
 
 
@@ -118,6 +120,9 @@ def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
 
 
 def _check(options: Options) -> None:
+    for name in CYCLES_ONLY if options.engine != "cycles" else ():
+        if getattr(options, name) != DEFAULTS[name]:
+            raise UsageError(f"{flag(name)} requires --engine cycles")
     if options.bands is None and options.placement != "means":
         raise UsageError(f"--placement {options.placement} requires a number of --bands")
     if options.lux and options.no_light:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -60,6 +60,7 @@ class Sampling:
     denoise: bool = False
     light_tree: bool = False
     noise_events: float | None = None  # highest share of events that come from noise; replaces samples
+    engine: str = "cycles"
 
 
 def empty_scene() -> bpy.types.Scene:
@@ -204,6 +205,14 @@ class Film:
         if not results or any(name not in results[-1] for name in names):
             raise PecsError(f"Cycles of Blender {bpy.app.version_string}: no {', '.join(names)}", ExitCode.UNSUPPORTED)
         return {name: results[-1][name] for name in names}
+
+    def parts(self, boxes_px: list, *names: str) -> Iterator[dict[str, np.ndarray]]:
+        """`passes` of boxes (left, top, right, bottom) of the picture."""
+        whole = 0, 0, self._scene.render.resolution_x, self._scene.render.resolution_y
+        for box in boxes_px:
+            set_border(self._scene, None if box == whole else box)
+            yield self.passes(*names)
+        set_border(self._scene, None)
 
     def inspect(self, inspect: Callable) -> None:
         """Calls `inspect` as `passes` does, and renders nothing."""

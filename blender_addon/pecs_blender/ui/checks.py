@@ -116,6 +116,8 @@ def _lens_problems(scene) -> Iterator[Problem]:
     s = scene.pecs
     if not settings.has_lens(s) or not _chip(scene):
         return
+    if s.engine != "cycles":
+        yield Problem("The engine EEVEE has no lens. Set Lens to none, or the engine to Cycles")
     try:
         settings.lens_now(scene)
     except RuntimeError as e:
@@ -136,6 +138,7 @@ def spare_gpu(scene) -> str:
     addon = bpy.context.preferences.addons.get("cycles")
     named = getattr(addon.preferences, "compute_device_type", "NONE") if addon else "NONE"
     fits = named in DEVICES and (named == "OPTIX" or not settings.has_lens(scene.pecs))
+    fits = fits and scene.pecs.engine == "cycles"
     return named if scene.pecs.device == "CPU" and fits else ""
 
 
@@ -157,7 +160,8 @@ _has_denoiser = cache(denoise.is_available)
 
 
 def _denoiser_problems(scene) -> Iterator[Problem]:
-    if not scene.pecs.no_denoise and not _has_denoiser():
+    s = scene.pecs
+    if s.engine == "cycles" and not s.no_denoise and not _has_denoiser():
         text = "This Blender was built without a denoiser. Use Blender from blender.org, or keep the render noise"
         yield Problem(text, fix="pecs.keep_noise")
 

@@ -60,7 +60,7 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
 
 
 def _samples(scene) -> int | str:
-    if scene.pecs.noise_events:
+    if settings.words(scene, "noise_events"):
         return "automatic"
     return scene.pecs.samples or SAMPLES[scene.pecs.time]
 
@@ -153,7 +153,8 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
         if not s.whole_range:
             layout.prop(s, "frames")
         layout.prop(s, "fps")
-        auto(layout, s, "noise_events")
+        if s.engine == "cycles":
+            auto(layout, s, "noise_events")
         count, passes = settings.frame_count(scene), s.pass_count
         each = f", {passes} passes each" if passes > 1 else ""
         layout.label(text=f"{duration(count / s.fps)}, sampled {count:,} times{each}")
@@ -373,7 +374,9 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         auto(layout, s, "bands", "samples")
-        props(layout, s, "placement", "illuminant", "light_scale", "device")
+        props(layout, s, "placement", "illuminant", "light_scale", "engine")
+        if s.engine == "cycles":
+            layout.prop(s, "device")
 
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):
@@ -383,7 +386,10 @@ class PECS_PT_light_more(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         auto(layout, s, "min_nm", "max_nm", "threads")
-        props(layout, s, "bands_per_pass", "no_denoise", "light_tree", "seed", "allow_scripts")
+        layout.prop(s, "bands_per_pass")
+        if s.engine == "cycles":
+            props(layout, s, "no_denoise", "light_tree", "seed")
+        layout.prop(s, "allow_scripts")
 
 
 class PECS_PT_stack(SubPanel, bpy.types.Panel):
@@ -393,7 +399,9 @@ class PECS_PT_stack(SubPanel, bpy.types.Panel):
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "output", placeholder=paths.stack(scene).name)
-        props(layout, s, "exists", "time", "step_px" if s.time == "adaptive" else "moving_px")
+        props(layout, s, "exists", "time")
+        if s.time == "adaptive" or s.engine == "cycles":
+            layout.prop(s, "step_px" if s.time == "adaptive" else "moving_px")
         if s.time == "uniform":
             layout.label(text=f"Up to {readable(settings.stack_bytes(scene))}")
         layout.operator("pecs.render", icon="RENDER_STILL")

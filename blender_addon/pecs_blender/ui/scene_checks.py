@@ -75,7 +75,7 @@ def _noise(scene) -> Iterator[Problem]:
     """Frames share their samples, so noise flickers only at moving objects."""
     s = scene.pecs
     measured = state.light.get(scene.name)
-    if s.noise_events or not measured or measured["noise_thresholds"] is None:
+    if s.engine != "cycles" or s.noise_events or not measured or measured["noise_thresholds"] is None:
         return
     samples = s.samples or SAMPLES[s.time]
     noise = measured["noise_thresholds"] * math.sqrt(measured["samples"] / samples)

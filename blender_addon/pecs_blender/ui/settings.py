@@ -22,7 +22,7 @@ from bpy.props import (
 )
 from pecs._arguments import flag
 
-from ..job.options import DEFAULTS, RULES, SAMPLES, Options
+from ..job.options import CYCLES_ONLY, DEFAULTS, RULES, SAMPLES, Options
 from ..job.resolve import film_width_mm_of
 from ..job.resources import BYTES_PER_VALUE
 from ..spectral.bands import passes
@@ -71,6 +71,7 @@ SHOWN = {
     "no_denoise": ("Keep Noise", {}),
     "light_tree": ("Light Tree", {}),
     "seed": ("Render Seed", {}),
+    "engine": ("Engine", {}),
     "device": ("Device", {}),
     "threads": ("Threads", {}),
     "fps": ("Rate (Hz)", {}),
@@ -83,6 +84,8 @@ _DESCRIPTIONS = {
     "gauss": "Single wavelengths: quadrature nodes for the chip's response to the sum of all lamps",
     "uniform": "Single wavelengths, equally spaced",
     "adaptive": "Keyframes, and the motion between them",
+    "cycles": "Traces paths of light",
+    "eevee": "Draws direct light on the graphics card; no lens, no light between surfaces",
 }
 _LAYERS = {
     "depth": "Distance to the camera's centre and along its axis, in m",
@@ -446,6 +449,8 @@ def words(scene: bpy.types.Scene, name: str) -> list[str]:
     if name == "threads":
         value = value or preferences().threads
     if not value or name in _LENS_OPTIONS and not has_lens(s) or name == "moving_px" and s.time != "uniform":
+        return []
+    if s.engine != "cycles" and name in CYCLES_ONLY:
         return []
     kind = _KINDS[name]
     if kind == "bool":

@@ -26,7 +26,7 @@ from .writers import WRITERS
 SPLITS = ("train", "val", "test")
 RENDER_KEYS = (  # options of `pecs_blender render` that a recipe may give
     *("bands", "placement", "bands_per_pass", "illuminant", "fps", "time", "step_px", "subpixels"),
-    *("samples", "noise_events", "no_denoise", "light_tree", "device"),
+    *("samples", "noise_events", "no_denoise", "light_tree", "engine", "device"),
 )
 RENDER = {"time": "adaptive", "fps": 1000.0}  # by default
 TRUTH_LAYERS = ["depth", "normal", "objects", "motion"]  # by default; the renderer rejects unknown ones

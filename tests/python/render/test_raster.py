@@ -1,0 +1,84 @@
+"""The raster engine beside Cycles: a red ball above a plane, in the light of a sun and a lamp."""
+
+import json
+
+import numpy as np
+import pytest
+from support import in_bpy, pecs_blender
+
+pecs = pytest.importorskip("pecs")
+
+SCENE = """
+import bpy, math, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+
+def paint(colour):
+    material = bpy.data.materials.new("paint")
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    shader, end = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
+    shader.inputs["Color"].default_value = colour
+    material.node_tree.links.new(shader.outputs[0], end.inputs[0])
+    bpy.context.object.data.materials.append(material)
+
+bpy.ops.mesh.primitive_plane_add(size=8)
+paint((0.5, 0.5, 0.5, 1))
+bpy.ops.mesh.primitive_uv_sphere_add(radius=0.5, location=(0, 0, 0.5), segments=96, ring_count=48)
+paint((0.6, 0.1, 0.05, 1))
+bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
+bpy.context.object.data.energy = 2
+bpy.ops.object.light_add(type="POINT", location=(1.5, -1, 2))
+bpy.context.object.data.energy = 60
+bpy.ops.object.camera_add(location=(0, -3, 2), rotation=(math.radians(60), 0, 0))
+scene = bpy.context.scene
+scene.camera, scene.cycles.max_bounces = bpy.context.object, 0
+scene.render.resolution_x, scene.render.resolution_y = 64, 48
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+LAYERS = ("depth", "normal")
+ARGS = ("--frames", 2, "--bands", 3, "--lens", "none", "--samples", 2, "--layers", ",".join(LAYERS))
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("raster")
+    in_bpy(SCENE, root / "ball.blend")
+    for engine in ("cycles", "eevee"):
+        pecs_blender("render", root / "ball.blend", "-o", root / engine, "--engine", engine, *ARGS)
+    return root
+
+
+def test_light_has_the_values_of_a_path_tracer(root):
+    stacks = [pecs.StackReader(root / engine) for engine in ("cycles", "eevee")]
+    traced, drawn = (stack.read_frame(1) for stack in stacks)
+    lit = traced.min(0) > 0.1 * np.median(traced)
+    ratio = np.log(drawn[:, lit] / traced[:, lit])
+    assert ratio.shape[1] > 2000
+    medians = np.median(ratio, axis=1)
+    assert np.abs(medians).max() < 0.03 and np.ptp(medians) < 0.005, medians
+    assert np.percentile(np.abs(ratio), 90) < 0.1
+    for name in LAYERS:  # traced for both
+        assert np.array_equal(*(stack.read_layer(name, 1) for stack in stacks), equal_nan=True)
+    assert np.array_equal(drawn, stacks[1].read_frame(0))  # still light makes no events
+
+
+def test_the_stack_says_what_is_missing(root):
+    of = {engine: json.loads((root / engine / "stack.json").read_text())["render"] for engine in ("cycles", "eevee")}
+    assert "eevee" in of["eevee"]["approximated"][0] and not of["cycles"]["approximated"]
+
+
+@pytest.mark.parametrize(
+    ("option", "wanted"),
+    [
+        (("--seed", 2), "--engine cycles"),
+        (("--device", "CUDA"), "--engine cycles"),
+        (("--no-denoise", "--time", "adaptive"), "--engine cycles"),
+        (("--lens", "cmount_8mm_f2p8", "--focus", 4), "--lens none"),
+    ],
+)
+def test_what_it_lacks_is_refused(root, tmp_path, option, wanted):
+    args = (*ARGS, "--engine", "eevee", *option)
+    result = pecs_blender("render", root / "ball.blend", "-o", tmp_path / "s", *args, check=False)
+    assert result.returncode == 2 and option[0] in result.stderr and wanted in result.stderr, result.stderr
+    assert len(result.stderr.splitlines()) == 1
