@@ -9,7 +9,6 @@ from pecs._platform import resident_mb
 from pecs._progress import report
 
 from ..adaptive.frames import SHARED
-from ..scene import cycles
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
 from .resources import readable
