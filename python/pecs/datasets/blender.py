@@ -37,12 +37,12 @@ for words in json.load(sys.stdin):
 """
 
 
-def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = lambda progress: None) -> None:
+def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = lambda progress: None) -> dict[str, Any]:
     """Runs in the folder, so that records contain no absolute path. The output goes to the log, without the progress;
     an error is raised with the renderer's line and exit code. The renderer ends with this process, which frees the
     folder's lock. A renderer that crashes is started once more, and continues. If this Python has no bpy,
     PECS_BLENDER_PYTHON names one that has bpy and pecs_blender. tell: gets the renderer's progress, such as "3/17,
-    200 s left"."""
+    200 s left". Returns what --plan measures; empty without."""
     python, environment = _python()
     path = folder / log
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,12 +52,13 @@ def blender(*words: Any, folder: Path, log: str, tell: Callable[[str], None] = l
             streams = {"stdout": out, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
             text = {"encoding": "utf-8", "errors": "replace"}
             with subprocess.Popen(command, env=environment, cwd=folder, **text, **streams) as process:
-                code, last = _watched(process, out, tell)
+                code, last, cost = _watched(process, out, tell)
         if not has_crashed(code):  # as Blender 4.5 in one of thousands of renders, in its dependency graph
             break
     if code:
         said = last if code > 0 else f"the renderer was ended by {end_of(code)}"
         raise PecsError(f"{said} ({path})", code if 0 < code < 8 else 1)
+    return cost
 
 
 def _python() -> tuple[str, dict[str, str]]:
@@ -100,18 +101,22 @@ def scene_folders() -> list[Path]:
     return [CHECKOUT / "scenes", *(package / "scenes" for package in packages)]
 
 
-def _watched(process: subprocess.Popen[str], log: TextIO, tell: Callable[[str], None]) -> tuple[int, str]:
-    """The exit code and the last line of standard error. `tell` gets its progress, the log its other lines."""
-    last = "no output"
+def _watched(
+    process: subprocess.Popen[str], log: TextIO, tell: Callable[[str], None]
+) -> tuple[int, str, dict[str, Any]]:
+    """The exit code, the last line of standard error, and the values of its plan. `tell` gets its progress, the log its
+    other lines."""
+    last, cost = "no output", {}
     try:
         for line in process.stderr or ():
             if status := status_of(line):
                 if status.get("progress") == "render" and {"done", "total", "left_s"} <= status.keys():
                     tell("{done}/{total}, {left_s:.0f} s left".format_map(status))
+                cost = status.get("plan", cost)
                 continue
             print(line, end="", file=log, flush=True)
             last = line.strip() or last
-        return process.wait(), last
+        return process.wait(), last, cost
     except BaseException:  # stopped; finished frames are kept
         process.terminate()
         raise

@@ -57,6 +57,11 @@ def _parser() -> Parser:
     add("--only", help="N or A:B: these sequences, without the set's own files")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--plan", action="store_true", help="print sequences, time and size; make nothing")
+    what.add_argument(
+        "--estimate",
+        action="store_true",
+        help="as --plan, with time, size and memory measured on a few frames of each scene",
+    )
     what.add_argument("--check", action="store_true", help="compare all files with their checksums")
     what.add_argument("--repair", action="store_true", help="move damaged sequences aside and make them again")
     what.add_argument("--export", help=f"write an existing set in another layout: {', '.join(writers.WRITERS)}")
@@ -91,9 +96,9 @@ def _run(args: argparse.Namespace) -> None:
         return
     recipe_check.check(plan := Plan(found))
     if text:
-        _keep(args.recipe, text, write=not args.plan)
-    if args.plan:
-        _plan(plan, wanted, args.output)
+        _keep(args.recipe, text, write=not (args.plan or args.estimate))
+    if args.plan or args.estimate:
+        _plan(plan, wanted, args.output, _measure(plan, wanted, args.threads, line) if args.estimate else {})
         return
     if args.repair:
         _move_aside(wanted, args.output)
@@ -215,8 +220,21 @@ def _move_aside(wanted: list[int], output: Path) -> None:
             (output / "dataset.json").unlink(missing_ok=True)
 
 
-def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
-    """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes."""
+def _measure(plan: Plan, wanted: list[int], threads: int, line: Line) -> dict[str, NDArray[np.float64]]:
+    """By scene: 1, and duration, time [s], GB and GB of memory of its first sequence."""
+    measured: dict[str, NDArray[np.float64]] = {}
+    for index in wanted[:MOST_DRAWN]:
+        sequence = plan.sequence(index)
+        if sequence.scene.name not in measured:
+            line(f"dataset: a few frames of {sequence.scene.name}", len(measured), 0)
+            measured[sequence.scene.name] = np.array([1, sequence.duration_s, *run.cost(sequence, threads)])
+    line.end()
+    return measured
+
+
+def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArray[np.float64]]) -> None:
+    """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes, or by
+    `_measure`."""
     rows, truth, light = [], 0, 0
     made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))  # by scene: number, duration, time [s], GB
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
@@ -232,7 +250,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
             truth += owners * sequence.truth_frames
             light += sum(map(sequence.instants, sequence.with_light))
         share, seconds, gigabytes = _made(sequence, folder)
-        if share:
+        if share and not measured:
             made[scene] += share, share * duration_s, seconds, gigabytes
         if index in spaced and not folder.is_dir():
             missing[scene] += 1, (1 - share) * duration_s
@@ -246,12 +264,13 @@ def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
     print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
+    made.update((scene, values[:4]) for scene, values in measured.items())
     if not made:
-        when = "once the light of one camera is rendered"
-        print(f"time and size can be estimated {when}: run --only {wanted[0]}; {free:.0f} GB free")
+        print(f"--estimate measures time and size on a few frames of each scene; {free:.0f} GB free")
         return
     every = sum(made.values(), np.zeros(4))
-    print(f"measured on {every[0]:.2g} existing sequences of {', '.join(sorted(made))}")
+    what = "the renders of a few frames" if measured else f"{every[0]:.2g} existing sequences"
+    print(f"measured on {what} of {', '.join(sorted(made))}")
     count, left_s, size = 0.0, 0.0, 0.0
     each = (len(wanted) - len(whole)) / max(1, sum(number for number, _ in missing.values()))
     for scene, (number, duration_s) in ((scene, each * of) for scene, of in missing.items()):
@@ -260,7 +279,9 @@ def _plan(plan: Plan, wanted: list[int], output: Path) -> None:
         count, left_s, size = count + number, left_s + share * seconds, size + share * gigabytes
     unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
-    print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}; {free:.0f} GB free")
+    memory = f", {max(values[4] for values in measured.values()):.1f} GB of memory" if measured else ""
+    beyond = ", and the sensor's time and events" if measured else ""
+    print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
 
 
 def _spaced(indices: list[int]) -> list[int]:

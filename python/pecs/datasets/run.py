@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 import shutil
+import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -164,23 +165,46 @@ def _write_imu(work: Work, path: trajectories.Trajectory, imu: imus.Imu) -> None
 def _render(work: Work, camera: CameraPlan, threads: int) -> None:
     """Light, and ground truth if the camera has pixels of its own."""
     plan = work.plan
-
-    def render(what: str, to: Path, options: dict[str, Any]) -> None:
-        if (to / "done").exists():
-            return
+    for what, to, options in _renders(plan, camera):
+        done = work.folder / to / "done"
+        if done.exists():
+            continue
+        if what == "light" and not camera.owns_pixels:  # its film stands where that of the owner stands
+            owner = rig.stack_json(work.folder / camera.pixels.owner.name / "stack")
+            options["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"])) if owner["lens"] else None
         step = f"{camera.name}: {what}"
         work.say(step)
-        job = ["render", *plan.scene_words, "-o", to.relative_to(work.folder), *words(options | {"threads": threads})]
+        job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads})]
         blender(*job, folder=work.folder, log=f"{camera.name}/render.log", tell=partial(work.say, step))
-        write_whole(to / "done", b"")
+        write_whole(done, b"")
 
+
+def _renders(plan: SequencePlan, camera: CameraPlan) -> Iterator[tuple[str, Path, dict[str, Any]]]:
+    """What is rendered, its stack in the sequence's folder, and the options."""
     if truth := plan.truth(camera):
-        render("truth", work.folder / camera.truth, truth)
+        yield "truth", Path(camera.truth), truth
     light = plan.light(camera) | {"frames": ",".join(f"{begin}:{end}" for begin, end in plan.ranges(camera))}
-    if not camera.owns_pixels:  # its film stands where that of the owner stands
-        owner = rig.stack_json(work.folder / camera.pixels.owner.name / "stack")
-        light["focus_bands_nm"] = ",".join(map(str, owner["lens"]["focus_bands_nm"])) if owner["lens"] else None
-    render("light", work.folder / camera.stack, light)
+    yield "light", Path(camera.stack), light
+
+
+def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float]:
+    """Time [s], disk [GB] and memory [GB] of the renders of a sequence, measured on a few frames of each; cameras of
+    one size, lens and time cost the same."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    every = []
+    with tempfile.TemporaryDirectory(prefix="pecs_estimate_") as folder:
+        work = Work(plan, Path(folder), lambda *_: None)
+        _inputs(work)
+        _move(work)
+        for camera in plan.with_light:
+            for what, to, options in _renders(plan, camera):
+                key = (what, *map(options.get, ("width", "height", "lens", "frames")))
+                if key not in found:
+                    job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
+                    found[key] = blender(*job, folder=work.folder, log="estimate.log")
+                every.append(found[key])
+    seconds = sum(one["frames"] * one["each_s"] for one in every)
+    return seconds, sum(one["disk_bytes"] for one in every) * 1e-9, max(one["memory_bytes"] for one in every) * 1e-9
 
 
 # Calibration

@@ -354,11 +354,14 @@ def test_pages_and_exports(made):
     plan = dataset(made / "r.toml", "-o", made / "set", "--plan", "--sequences", 100).stdout
     assert "measured on 2 existing sequences of rotating_disk" in plan and "98 left" in plan
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
+    estimate = dataset(made / "r.toml", "-o", made / "none", "--estimate", "--sequences", 100).stdout
+    assert "measured on the renders of a few frames of rotating_disk\n100 left: 0." in estimate, estimate
+    assert not (made / "none").exists()
 
 
 def test_a_stopped_sequence_gives_an_estimate(made, tmp_path):
     copy(made, tmp_path)
-    assert "once the light of one camera is rendered" in dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
+    assert "--estimate measures time and size" in dataset(tmp_path / "r.toml", "-o", tmp_path, "--plan").stdout
     shutil.copytree(made / "set/sequences/0000", tmp_path / "sequences/0000.partial")
     for done in tmp_path.glob("sequences/0000.partial/*/stack/done"):
         done.unlink()
