@@ -19,7 +19,7 @@ KINDS = {  # outputs of `pecs view`: label and description
     "mp4": ("Video", "Write a slow-motion video and open it in the system's player"),
     "html": ("3-D Page", "Write a page with the events in space and time and open it in the browser"),
 }
-MUCH_NOISE = 0.1  # share of events from render noise above which the result is doubtful
+MUCH_NOISE = 0.1  # share of events from render noise, above which it counts if it is also above the camera's own
 VIDEO_S, PLAYBACK_FPS = 10, 25  # default length and frame rate of a reconstructed video
 
 
@@ -32,9 +32,10 @@ def show_events(job: BackgroundJob) -> str:
     if paths.events(bpy.context.scene).parent == job.output.parent:
         event_view.show(job.output)
     text = job.answer[-1] if job.answer else f"{job.output}: simulated"
-    noise = json.loads(Path(f"{job.output}.run.json").read_text())["results"].get("render_noise", {})
-    if (noise.get("share") or 0) > MUCH_NOISE:
-        text = f"Render noise causes {noise['share']:.0%} of the events. Use more samples. {text}"
+    results = json.loads(Path(f"{job.output}.run.json").read_text())["results"]
+    share, own = (results.get(of, {}).get("share") or 0 for of in ("render_noise", "camera_noise"))
+    if share > max(MUCH_NOISE, own):
+        text = f"Render noise causes {share:.0%} of the events. Use more samples. {text}"
     return re.sub(r"(?<= )\d+(?= events)", lambda number: f"{int(number[0]):,}", text)
 
 

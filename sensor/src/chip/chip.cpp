@@ -73,7 +73,8 @@ bool is_allowed(const Value& of, double v, Range range) {
   return v >= range.min && v <= range.max && (!wants_whole(of) || is_whole(v));
 }
 std::string allowed(const Value& of, Range range) {
-  return fmt::format("{} in [{}, {}]", wants_whole(of) ? "a whole number" : "a number", range.min, range.max);
+  const std::string unit = of.unit == std::string_view("1") ? "" : fmt::format(" {}", of.unit);
+  return fmt::format("{} in [{}, {}]{}", wants_whole(of) ? "a whole number" : "a number", range.min, range.max, unit);
 }
 
 Spectrum read_spectrum(JsonObject o) {
