@@ -17,8 +17,8 @@ Plan, written before the first training:
     Simulators: pecs (as `pecs train` draws cameras), esim (thresholds 0.1 to 1.5, the other polarity's N(1, 0.1) of it,
         refractory period 1 ms: Stoffregen et al., ECCV 2020), v2e (thresholds 0.2 to 0.5, sigma 0.03 to 0.05, a third
         each ideal, bright and dim: the ranges with which its author made training data). The light is the same.
-    Training: 60 sequences of 2 s, the network of `pecs train`, 200 steps of a clip of 64x64 pixels and 48 windows,
-        seeds 1 to 3 (weights and clips), about a fifteenth of the work of `pecs train` (280 sequences, 700 steps of two
+    Training: 60 sequences of 2 s, the network of `pecs train`, 120 steps of a clip of 64x64 pixels and 48 windows,
+        seeds 1 to 3 (weights and clips), about a thirtieth of the work of `pecs train` (280 sequences, 700 steps of two
         clips, 112x112). Flips, noise and bursts of frames are added to clips for all alike; scoring masks no events.
     Measures, at windows of 20 ms: correlation on camerashake after motion, in stillness, and on cups; share of the
         disk's edges within 3 px. MSE, SSIM and the other lengths are printed and decide nothing.
@@ -49,7 +49,7 @@ PICTURED = (8, 20, 33)  # frames
 HELD_OUT, SHOWN, AT = 999, (4, 8, 9, 14), 90  # seed, numbers of busy sequences, window
 
 
-STEPS, CROP, COUNT, SEEDS = 200, 64, 60, (1, 2, 3)  # of the comparison
+STEPS, CROP, COUNT, SEEDS = 120, 64, 60, (1, 2, 3)  # of the comparison
 
 
 def esim_camera(rng: np.random.Generator) -> dict:
