@@ -12,7 +12,7 @@ lengths; the picture nearest to a frame's time is scored.
 --picture shows drawn sequences that no network was trained on, and the disk; --look the recordings, which have no
 licence for a page.
 
---train trains the networks of the comparison of simulators in FOLDER/SIMULATOR-SEED, or continues, and scores nothing.
+--train trains the networks of the comparison of simulators in FOLDER/SIMULATOR-SEED, or continues; only they are scored.
 Plan, written before the first training:
     Simulators: pecs (as `pecs train` draws cameras), esim (thresholds 0.1 to 1.5, the other polarity's N(1, 0.1) of it,
         refractory period 1 ms: Stoffregen et al., ECCV 2020), v2e (thresholds 0.2 to 0.5, sigma 0.03 to 0.05, a third
@@ -40,6 +40,7 @@ from pecs.learning.limits import ClipConfig, TrainConfig
 from pecs.learning.reconstruct import CUTOFF_HZ, WEIGHTS, Filter, Network, Window
 from pecs_lab import sequences
 from pecs_lab.disk import edges
+from pecs_lab.report import write
 from scipy.ndimage import uniform_filter
 
 PERIOD_US, LAG_US = 138_121.3, -11_000  # of camerashake's frames; frame k at (k - 2) PERIOD_US + LAG_US (README there)
@@ -78,23 +79,37 @@ def v2e_camera(rng: np.random.Generator) -> dict:
 CAMERAS = {"pecs": procedural.camera, "esim": esim_camera, "v2e": v2e_camera}
 
 
-def train_all(folder: Path) -> None:
-    from pecs.learning.export import export
-    from pecs.learning.train import train
+@functools.cache
+def simulated(name: str) -> list[procedural.Procedural]:
+    config = procedural.ProceduralConfig(count=COUNT, model=name)
+    return [procedural.sequence(number, 1, config, CAMERAS[name]) for number in range(COUNT)]
 
-    sets = {}
-    for name, camera in CAMERAS.items():
-        config = procedural.ProceduralConfig(count=COUNT, model=name)
-        sets[name] = [procedural.sequence(number, 1, config, camera) for number in range(COUNT)]
-        print(name, sum(len(one.events) for one in sets[name]), "events", flush=True)
-    for seed in SEEDS:
-        for name, sources in sets.items():
-            run = folder / f"{name}-{seed}"
-            data = f"{COUNT} drawn, {name}"
-            clips, length = ClipConfig(crop=CROP), {"steps": STEPS, "decay_steps": STEPS // 2, "batch": 1}
-            train(sources, run, TrainConfig(clips=clips, **length, data=data, seed=seed))
-            export(run, run / "network.onnx")
-            print(run, flush=True)
+
+def trained(name: str, seed: int, folder: Path) -> Path:
+    network = folder / f"{name}-{seed}/network.onnx"
+    if not network.exists():
+        from pecs.learning.export import export
+        from pecs.learning.train import train
+
+        data, length = f"{COUNT} drawn, {name}", {"steps": STEPS, "decay_steps": STEPS // 2, "batch": 1}
+        config = TrainConfig(clips=ClipConfig(crop=CROP), **length, data=data, seed=seed)
+        train(lambda: simulated(name), network.parent, config)
+        export(network.parent, network)
+    return network
+
+
+def comparison(folder: Path, real: Path, window_ms: float) -> tuple[dict, list[np.ndarray]]:
+    """Scores of each simulator [seed], and the pictures of each."""
+    networks = [(name, trained(name, seed, folder)) for seed in SEEDS for name in CAMERAS]
+    found, shown = {name: {} for name in CAMERAS}, []
+    for name, network in networks:
+        tests, pictures = scored(functools.partial(Network, network), real, 1e3 * window_ms)
+        shown.append(strip(pictures, network.parent.name))
+        for test, measures in tests.items():
+            for measure, value in measures.items():
+                found[name].setdefault(test, {}).setdefault(measure, []).append(value)
+        print(network.parent.name, json.dumps(tests), flush=True)
+    return found, shown
 
 
 def recording(*paths: Path) -> np.ndarray:
@@ -182,6 +197,13 @@ def disk(make, path: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
     return {"edges": {key: value and round(value, 3) for key, value in found.items()}}, [shown[-1]]
 
 
+def scored(make, real: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+    shake, shown = camerashake(make, real / "camerashake", window_us)
+    blur, mean = cups(make, real / "cups", window_us)
+    turn, last = disk(make, real / "R_360_L.hdf5", window_us)
+    return shake | blur | turn, [*shown, *mean, *last]
+
+
 def drawn(methods: dict, number: int) -> list[np.ndarray]:
     """By each method at the end of a drawn sequence, and its light."""
     made = procedural.sequence(number, HELD_OUT, procedural.ProceduralConfig())
@@ -195,6 +217,10 @@ def labelled(picture: np.ndarray, text: str, height: int = 180) -> np.ndarray:
     return cv2.putText(grey, text, (4, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, 255, 1, cv2.LINE_AA)
 
 
+def strip(pictures: list[np.ndarray], text: str) -> np.ndarray:
+    return np.hstack([labelled(picture, "" if i else text) for i, picture in enumerate(pictures)])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
@@ -205,30 +231,25 @@ def main() -> None:
     parser.add_argument("--look", type=Path)
     parser.add_argument("--train", type=Path, metavar="FOLDER")
     args = parser.parse_args()
-    if args.train:
-        return train_all(args.train)
-
+    middle_ms = args.window_ms[len(args.window_ms) // 2]
     networks = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
     networks |= {name: Path(path) for name, path in (text.split("=", 1) for text in args.networks)}
     methods = {"filter": lambda w, h: Filter(w, h, CUTOFF_HZ)}
     methods |= {name: functools.partial(Network, path) for name, path in networks.items()}
-    real, results, strips = args.data, {}, []
+    real, results, strips = args.data, json.loads(args.output.read_text()) if args.output.exists() else {}, []
+    if args.train:
+        results[f"simulators, {middle_ms:g} ms"], strips = comparison(args.train, real, middle_ms)
+        methods = {}
     for name, make in methods.items():
         for window_ms in args.window_ms:
-            shake, shown = camerashake(make, real / "camerashake", 1e3 * window_ms)
-            blur, mean = cups(make, real / "cups", 1e3 * window_ms)
-            turn, last = disk(make, real / "R_360_L.hdf5", 1e3 * window_ms)
-            results[f"{name}, {window_ms:g} ms"] = shake | blur | turn
-            print(name, f"{window_ms:g} ms", json.dumps(shake | blur | turn), flush=True)
-            if window_ms == args.window_ms[len(args.window_ms) // 2]:
-                strips.append(
-                    np.hstack([labelled(p, name if i == 0 else "") for i, p in enumerate([*shown, *mean, *last])])
-                )
-    args.output.write_text(json.dumps(results, indent=1) + "\n")
+            results[f"{name}, {window_ms:g} ms"], pictures = scored(make, real, 1e3 * window_ms)
+            print(name, f"{window_ms:g} ms", json.dumps(results[f"{name}, {window_ms:g} ms"]), flush=True)
+            if window_ms == middle_ms:
+                strips.append(strip(pictures, name))
+    write(args.output, results)
     if args.look:
         true = [*(frame(real / "camerashake", k) for k in PICTURED), frame(real / "cups", 24), np.zeros((180, 320))]
-        strips.append(np.hstack([labelled(p, "frames" if i == 0 else "") for i, p in enumerate(true)]))
-        cv2.imwrite(str(args.look), np.vstack(strips))
+        cv2.imwrite(str(args.look), np.vstack([*strips, strip(true, "frames")]))
     if args.picture:
         columns = [drawn(methods, number) for number in SHOWN]
         names = [*methods, "light"]

@@ -1,8 +1,9 @@
 #pragma once
 // The readout: from events as pixels fire them to the events that the camera sends. A row arbiter serves the row that
 // has waited longest; all its waiting pixels are read at once and get the time of that moment. Selecting a row takes
-// time, and so does each vector of readout_vector_px pixels that has events. If a pixel fires again while it waits, that
-// event is dropped and counted. Times are rounded down to the time base and may jitter, row by row; they never decrease.
+// time, and so does each vector of readout_vector_px pixels that has events. If a pixel fires again while it waits,
+// that event is dropped and counted. Times are rounded down to the time base and may jitter, row by row; they never
+// decrease.
 #include <algorithm>
 #include <cstdint>
 #include <memory>
