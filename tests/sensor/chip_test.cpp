@@ -42,7 +42,7 @@ TEST(Chip, OverridesAreChecked) {
   EXPECT_NE(refusal("ideal", {"contrast_threshold_on=-1"}).find("[0.001, 5]"), std::string::npos);
   EXPECT_NE(refusal("ideal", {"contrast_threshold_on=1x"}).find("got 1x"), std::string::npos);
   EXPECT_NE(refusal("ideal", {"contrast_threshold_on"}), "");
-  for (const char* pixels : {"width", "height", "readout_group_rows"})
+  for (const char* pixels : {"width", "height", "readout_vector_px"})
     EXPECT_NE(refusal("ideal", {pixels + std::string("=2.5")}).find("wanted a whole number"), std::string::npos);
   EXPECT_NE(refusal("nope").find("imx636"), std::string::npos);
 }

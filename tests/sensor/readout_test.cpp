@@ -43,15 +43,15 @@ TEST(Readout, ServesTheRowThatWaitedLongest) {
   EXPECT_EQ(readout.dropped(), 0);
 }
 
-TEST(Readout, RowsOfAGroupAreReadAtOnce) {
-  Chip chip = with(1e6, 10e-6);
-  chip.readout_group_rows = 2;
+TEST(Readout, EventsOfAVectorAreSentAtOnce) {
+  Chip chip = with(2e6, 10e-6);
+  chip.readout_vector_px = 2;  // 1 us a vector
   Readout readout(chip, 8, 5, 1);
   const auto out =
-      read(readout, {{100, 3, 2, 1}, {101, 5, 3, 0}, {102, 1, 2, 0}, {103, 0, 3, 1}, {104, 2, 3, 0}, {105, 7, 4, 1}});
-  // Rows 2 and 3 at 100 with one event, free at 111; again with one and three, free at 124; row 4 alone.
-  const std::vector<Event> expected = {{100, 3, 2, 1}, {111, 1, 2, 0}, {111, 0, 3, 1},
-                                       {111, 2, 3, 0}, {111, 5, 3, 0}, {124, 7, 4, 1}};
+      read(readout, {{100, 3, 2, 1}, {101, 5, 3, 0}, {102, 0, 3, 1}, {103, 4, 3, 1}, {104, 2, 3, 0}, {105, 7, 4, 1}});
+  // Row 2 at 100 with one vector, free at 111; row 3 with the vectors 0, 2 and 4, free at 124; row 4.
+  const std::vector<Event> expected = {{100, 3, 2, 1}, {111, 0, 3, 1}, {111, 2, 3, 0},
+                                       {111, 4, 3, 1}, {111, 5, 3, 0}, {124, 7, 4, 1}};
   EXPECT_TRUE(std::ranges::equal(out.events, expected));
 }
 

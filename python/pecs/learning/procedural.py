@@ -161,10 +161,11 @@ def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Pict
     return times_us, out / max(float(np.percentile(out, 99)), 1e-3)
 
 
-def _pixels(rng: Rng) -> dict[str, float]:
-    """Values of the chip, from good to bad cameras."""
+def camera(rng: Rng) -> dict[str, Any]:
+    """Options of `simulate` for a sequence: light, and values of the chip from good to bad cameras."""
+    photocurrent_a = _uniform_log(rng, *WHITE_A)
     threshold, ratio = _uniform_log(rng, *THRESHOLDS), math.exp(rng.normal(0, 0.2))
-    return {
+    values = {
         "contrast_threshold_on": min(threshold * ratio, 1.5),
         "contrast_threshold_off": min(threshold / ratio, 1.5),
         "threshold_mismatch": rng.uniform(0.02, 0.25),
@@ -175,6 +176,7 @@ def _pixels(rng: Rng) -> dict[str, float]:
         "hot_pixel_hz": _uniform_log(rng, 10, 300),
         "refractory_period_s": _uniform_log(rng, 1e-5, 2e-3),
     }
+    return {"photocurrent_a": photocurrent_a, "overrides": values}
 
 
 @dataclass(frozen=True)
@@ -186,20 +188,13 @@ class Procedural:
     pictures: NDArray[np.uint8]
 
 
-def sequence(number: int, seed: int, config: ProceduralConfig) -> Procedural:
+def sequence(
+    number: int, seed: int, config: ProceduralConfig, camera: Callable[[Rng], dict[str, Any]] = camera
+) -> Procedural:
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     times_us, planes = light(rng, config)
-    events = simulate(
-        planes,
-        times_us,
-        chip="davis346",
-        photocurrent_a=_uniform_log(rng, *WHITE_A),
-        seed=number,
-        overrides=_pixels(rng),
-        readout="ideal",
-        threads=1,
-        model=config.model,
-    )
+    drawn = {"chip": "davis346", "seed": number, "readout": "ideal", "threads": 1, "model": config.model} | camera(rng)
+    events = simulate(planes, times_us, **drawn)
     shown_us = np.arange(0, config.duration_us + 1, TRUTH_US)
     shown = planes[np.searchsorted(times_us, shown_us - 1e-6)]
     return Procedural(events, shown_us, eight_bit(shown))

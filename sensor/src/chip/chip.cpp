@@ -46,7 +46,7 @@ constexpr std::array kValues = {
     Value{"hot_pixel_hz", "Hz", 0, 1e4, &Chip::hot_pixel_hz},
     Value{"readout_rate_hz", "Hz", 0, 1e12, &Chip::readout_rate_hz},
     Value{"readout_row_s", "s", 0, 1e-3, &Chip::readout_row_s},
-    Value{"readout_group_rows", "px", 1, 8192, &Chip::readout_group_rows},
+    Value{"readout_vector_px", "px", 1, 8192, &Chip::readout_vector_px},
     Value{"timestamp_s", "s", 1e-6, 1e-2, &Chip::timestamp_s},
     Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
     Value{"frame_period_s", "s", 1e-4, 100, &Chip::frame_period_s},

@@ -18,17 +18,14 @@ bool is_ideal_readout(const Chip& chip) {
 
 Readout::Readout(const Chip& chip, int width, int height, std::uint64_t seed)
     : row_us_(chip.readout_row_s * 1e6),
-      event_us_(chip.readout_rate_hz > 0 ? 1e6 / chip.readout_rate_hz : 0),
+      vector_us_(chip.readout_rate_hz > 0 ? 1e6 * chip.readout_vector_px / chip.readout_rate_hz : 0),
       step_us_(chip.timestamp_s * 1e6),
       jitter_us_(chip.clock_jitter_s * 1e6),
       seed_(seed),
       width_(static_cast<std::size_t>(width)),
-      group_of_(static_cast<std::size_t>(height)),
-      groups_(static_cast<std::size_t>(height)),
-      waits_(width_ * static_cast<std::size_t>(height)) {
-  for (std::size_t y = 0; y < group_of_.size(); ++y)
-    group_of_[y] = static_cast<std::uint16_t>(y / static_cast<std::size_t>(chip.readout_group_rows));
-}
+      vector_px_(static_cast<int>(chip.readout_vector_px)),
+      rows_(static_cast<std::size_t>(height)),
+      waits_(width_ * static_cast<std::size_t>(height)) {}
 
 void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
   causes_ |= !in.causes.empty();
@@ -51,10 +48,9 @@ void Readout::wait(const events::Event& e, Cause cause) {
   } else {
     waits = true;
   }
-  const std::uint16_t number = group_of_[e.y];
-  auto& group = groups_[number];
-  if (group.empty()) queue_.push_back({number, static_cast<double>(e.t_us)});
-  group.push_back({e.x, e.y, e.p, cause});
+  auto& row = rows_[e.y];
+  if (row.empty()) queue_.push_back({e.y, static_cast<double>(e.t_us)});
+  row.push_back({e.x, e.p, cause});
 }
 
 std::size_t Readout::serve_at_once(const LabelledEvents& in, std::size_t first, LabelledEvents& out) {
@@ -66,20 +62,15 @@ std::size_t Readout::serve_at_once(const LabelledEvents& in, std::size_t first, 
   const auto next_us = static_cast<double>(events[end].t_us);
   std::size_t i = first;
   while (i < end && starts_us(static_cast<double>(t_us)) < next_us) {
-    const std::uint16_t group = group_of_[events[i].y];
-    std::size_t most = 0, in_row = 0;
+    const std::uint16_t y = events[i].y;
     stamp(static_cast<double>(t_us));
-    for (const std::size_t begin = i; i < end && group_of_[events[i].y] == group; ++i) {
-      const bool same_row = i > begin && events[i].y == events[i - 1].y;
-      if (same_row && events[i].x == events[i - 1].x) {
+    for (const std::size_t begin = i; i < end && events[i].y == y; ++i) {
+      if (i > begin && events[i].x == events[i - 1].x)
         ++dropped_;
-        continue;
-      }
-      send(events[i], causes_ ? in.causes[i] : Cause::signal, out);
-      in_row = same_row ? in_row + 1 : 1;
-      most = std::max(most, in_row);
+      else
+        send(events[i], causes_ ? in.causes[i] : Cause::signal, out);
     }
-    finish(static_cast<double>(t_us), most);
+    finish(static_cast<double>(t_us));
   }
   return i;
 }
@@ -93,20 +84,15 @@ void Readout::serve(LabelledEvents& out) {
     queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(first_));
     first_ = 0;
   }
-  auto& group = groups_[request.group];
-  if (group.size() > 1) std::ranges::sort(group, {}, [](const Waiting& w) { return std::pair(w.y, w.x); });
+  auto& row = rows_[request.y];
+  if (row.size() > 1) std::ranges::sort(row, {}, &Waiting::x);
   stamp(request.t_us);
-  std::size_t most = 0, in_row = 0;
-  int row = -1;
-  for (const Waiting& w : group) {
-    send({0, w.x, w.y, w.p}, w.cause, out);
-    waits_[w.y * width_ + w.x] = false;
-    in_row = w.y == row ? in_row + 1 : 1;
-    row = w.y;
-    most = std::max(most, in_row);
+  for (const Waiting& w : row) {
+    send({0, w.x, request.y, w.p}, w.cause, out);
+    waits_[request.y * width_ + w.x] = false;
   }
-  finish(request.t_us, most);
-  group.clear();
+  finish(request.t_us);
+  row.clear();
 }
 
 void Readout::stamp(double request_us) {
@@ -118,14 +104,19 @@ void Readout::stamp(double request_us) {
       std::max<std::int64_t>(last_us_, step_us_ == 1 ? ticks : std::llround(static_cast<double>(ticks) * step_us_));
 }
 
-void Readout::send(events::Event e, Cause cause, LabelledEvents& out) const {
+void Readout::send(events::Event e, Cause cause, LabelledEvents& out) {
+  const int vector = e.x / vector_px_;
+  vectors_ += vector != vector_;
+  vector_ = vector;
   e.t_us = last_us_;
   out.events.push_back(e);
   if (causes_) out.causes.push_back(cause);
 }
 
-void Readout::finish(double request_us, std::size_t most) {
-  free_us_ = starts_us(request_us) + row_us_ + event_us_ * static_cast<double>(most);
+void Readout::finish(double request_us) {
+  free_us_ = starts_us(request_us) + row_us_ + vector_us_ * static_cast<double>(vectors_);
+  vector_ = -1;
+  vectors_ = 0;
   ++served_;
 }
 

@@ -96,7 +96,7 @@ def test_wrong_steps_are_refused(tmp_path, levels, shown, pattern, words):
 
 def test_a_saturated_readout_is_refused(tmp_path):
     light, t_us = light_of(LEVELS)
-    slow = CHIP | {"readout_row_s": 2e-5, "readout_group_rows": 1}
+    slow = CHIP | {"readout_row_s": 2e-5}
     path = saved(tmp_path / "steps.raw", film(t_us, light, overrides=slow, photocurrent_a=1e-11))
     with pytest.raises(pecs.PecsInputError, match="readout is saturated"):
         load_steps(Steps(path, LEVELS))
@@ -119,7 +119,7 @@ def test_still_light_is_counted(tmp_path):
     assert found.off.mean() / found.seconds == pytest.approx(0.2, rel=0.12)
 
 
-SLOW = {"readout_row_s": 4e-6, "readout_rate_hz": 1e7, "readout_group_rows": 2}
+SLOW = {"readout_row_s": 2e-6, "readout_rate_hz": 2e7, "readout_vector_px": 4}
 
 
 @pytest.fixture(scope="module")
@@ -131,26 +131,17 @@ def flashes(tmp_path_factory):
 
 
 def test_the_readout_is_measured(flashes):
-    found = readout.measure(Flash(flashes), {"readout_rate_hz": 1e9})
-    assert found["readout_group_rows"] == (2, 0)
+    found = readout.measure(Flash(flashes), SLOW | {"readout_rate_hz": 1e9})
     for key in ("readout_row_s", "readout_rate_hz"):
         value, sd = found[key]
         assert value == pytest.approx(SLOW[key], rel=0.03) and abs(value - SLOW[key]) < 2 * sd < 0.3 * value, key
-
-
-@pytest.mark.parametrize("group", [1, 4])
-def test_groups_of_rows_are_found(tmp_path, group):
-    light, t_us = light_of((1, 0.02), cycles=8)
-    chip = CHIP | SLOW | {"readout_group_rows": group}
-    path = saved(tmp_path / "flash.aedat4", film(t_us, light, overrides=chip, photocurrent_a=1e-11))
-    assert readout.measure(Flash(path), SLOW)["readout_group_rows"] == (group, 0)
 
 
 def test_a_readout_that_is_never_busy_is_refused(tmp_path):
     light, t_us = light_of((1, 0.02))
     path = saved(tmp_path / "dim.raw", film(t_us, light, photocurrent_a=1e-15))
     with pytest.raises(pecs.PecsInputError, match="without a pause.*brighter"):
-        readout.measure(Flash(path), {"readout_rate_hz": 1e9})
+        readout.measure(Flash(path), SLOW)
 
 
 def mapped(folder, values, side, hot):
@@ -308,7 +299,7 @@ def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch, flashes)
     assert page.read_text().count("data:image/png") == 2
     for key in ("contrast_threshold_on", "corner_hz_per_a"):  # the light is known
         assert wrote["values"][key]["fitted"] and getattr(found, key) == pytest.approx(values[key], rel=0.15)
-    assert found.readout_row_s == pytest.approx(SLOW["readout_row_s"], rel=0.03) and found.readout_group_rows == 2
+    assert found.readout_row_s == pytest.approx(SLOW["readout_row_s"], rel=0.03)
     entry = json.loads(chip.read_text())["values"]["contrast_threshold_on"]
     assert "pecs fit" in entry["source"] and entry["interval"][0] < entry["value"] < entry["interval"][1]
     assert page.read_text().count("<svg") >= 3 * len(hidden.LEVELS) and "steps.raw" in page.read_text()
@@ -329,7 +320,7 @@ def wrong_protocol(seed):
     elif kind == 3:
         still, shown = False, (1, float(rng.uniform(0.2, 0.4)), float(rng.uniform(0.02, 0.1)))
     else:
-        still, slow = False, CHIP | {"readout_row_s": float(rng.uniform(1e-5, 3e-5)), "readout_group_rows": 1}
+        still, slow = False, CHIP | {"readout_row_s": float(rng.uniform(1e-5, 3e-5))}
         options = {"overrides": slow, "photocurrent_a": 1e-11}
     return still, shown, pattern, options
 

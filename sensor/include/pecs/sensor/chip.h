@@ -80,7 +80,7 @@ struct Chip {
   std::shared_ptr<const PixelMap> pixel_map;           // thresholds, background and hot pixels where measured
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
-  double readout_group_rows = 1;                  // rows that are read at once
+  double readout_vector_px = 1;                   // pixels of a row whose events are sent at once
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 
   // Frames of the same pixels (sense/chip_frames.h); a period of 0: the chip takes none.

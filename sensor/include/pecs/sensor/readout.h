@@ -1,9 +1,9 @@
 #pragma once
-// The readout: from events as pixels fire them to the events that the camera sends. A row arbiter serves one group of
-// neighbouring rows at a time (readout_group_rows), the one that has waited longest; all its waiting pixels are read at
-// once and get the time of that moment. Selecting a group takes time, and so does sending: the rows of a group send in
-// parallel, so the fullest row counts. If a pixel fires again while it waits, that event is dropped and
-// counted. Times are rounded down to the time base and may jitter, row by row; they never decrease.
+// The readout: from events as pixels fire them to the events that the camera sends. A row arbiter serves the row that
+// has waited longest; all its waiting pixels are read at once and get the time of that moment. Selecting a row takes
+// time, and so does each vector of readout_vector_px pixels that has events. If a pixel fires again while it waits,
+// that event is dropped and counted. Times are rounded down to the time base and may jitter, row by row; they never
+// decrease.
 #include <algorithm>
 #include <cstdint>
 #include <memory>
@@ -53,36 +53,37 @@ class Readout {
 
  private:
   struct Waiting {
-    std::uint16_t x, y;
+    std::uint16_t x;
     std::uint8_t p;
     Cause cause;
   };
   struct Request {
-    std::uint16_t group;
+    std::uint16_t y;
     double t_us;
   };
   bool has_request() const { return first_ < queue_.size(); }
   double starts_us(double request_us) const { return std::max(free_us_, request_us); }
   void wait(const events::Event& e, Cause cause);
-  // If no group waits: serves the groups of the events of one time directly, up to the time of the next event. Returns
-  // the first event that is not served.
+  // If no row waits: serves the rows of the events of one time directly, up to the time of the next event. Returns the
+  // first event that is not served.
   std::size_t serve_at_once(const LabelledEvents& in, std::size_t first, LabelledEvents& out);
   void serve(LabelledEvents& out);
-  // Service of a group: sets the time of its events; sends one event; ends the service. most: events of its fullest
-  // row.
+  // Service of a row: sets the time of its events; sends one event, in the order of x; ends the service.
   void stamp(double request_us);
-  void send(events::Event e, Cause cause, LabelledEvents& out) const;
-  void finish(double request_us, std::size_t most);
+  void send(events::Event e, Cause cause, LabelledEvents& out);
+  void finish(double request_us);
 
-  double row_us_, event_us_, step_us_, jitter_us_;
+  double row_us_, vector_us_, step_us_, jitter_us_;
   std::uint64_t seed_;
   std::size_t width_;
-  std::vector<std::uint16_t> group_of_;  // of a row
-  std::vector<std::vector<Waiting>> groups_;
+  int vector_px_;
+  std::vector<std::vector<Waiting>> rows_;
   std::vector<bool> waits_;     // by pixel
-  std::vector<Request> queue_;  // waiting groups, by their first event
+  std::vector<Request> queue_;  // waiting rows, by their first event
   std::size_t first_ = 0;       // of the queue; the requests before it are served
-  double free_us_ = 0;          // end of the group being sent
+  double free_us_ = 0;          // end of the row being sent
+  int vector_ = -1;             // last vector of the row being sent
+  std::int64_t vectors_ = 0;    // of this row
   std::int64_t served_ = 0, last_us_ = 0, dropped_ = 0;
   bool causes_ = false;
 };
