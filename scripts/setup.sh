@@ -15,7 +15,7 @@ esac
 
 PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libcli11-dev libtbb-dev
-  libopencolorio-dev libeigen3-dev libceres-dev libhwy-dev libssl-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
+  libopencolorio-dev libeigen3-dev libceres-dev libhwy-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
   libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)

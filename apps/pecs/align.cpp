@@ -402,4 +402,8 @@ void add_align(CLI::App& app, Console& console) {
   command->callback([i, &console] { intrinsics(*i, console); });
 }
 
+Json found_disk(const events::Stream& recording, const std::string& file) {
+  return to_json(find_disk(events::recording_of(recording, file, 0, std::numeric_limits<std::int64_t>::max()), file));
+}
+
 }  // namespace pecs::app

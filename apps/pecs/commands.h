@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "pecs/events/recording.h"
 #include "pecs/sensor/pixel_model.h"
 
 // In the order of --help.
@@ -38,6 +39,9 @@ std::string python(const char* variable = "PECS_PYTHON");
 std::optional<std::string> python_file(const std::string& model);
 // Runs FILE.py. Throws what is wrong with it.
 std::shared_ptr<const sensor::UserModelEntry> python_model(const std::string& model, bool verbose);
+
+// The turning disk of a recording, as `pecs align detect --json` prints it.
+Json found_disk(const events::Stream& recording, const std::string& file);
 
 // An option or positional for the path of a file to write; check_options knows it by this type.
 inline constexpr const char* kOutput = "OUTPUT";

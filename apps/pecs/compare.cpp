@@ -9,7 +9,6 @@
 #include "commands.h"
 #include "console.h"
 #include "help.h"
-#include "pecs/calibration/disk.h"
 #include "pecs/events/format.h"
 #include "pecs/view/compare_plot.h"
 #include "picture_file.h"
@@ -91,10 +90,7 @@ void print_table(const metrics::Comparison& c, const CompareArguments& a) {
 
 // `from`: "find", or a file with the output of `pecs align detect --json`.
 metrics::TurningDisk disk_of(const std::string& from, const events::Stream& real, const std::string& file) {
-  const Json detected =
-      from == "find"
-          ? calibration::to_json(calibration::find_disk(events::recording_of(real, file, 0, INT64_MAX), file))
-          : parse_json_file(from);
+  const Json detected = from == "find" ? found_disk(real, file) : parse_json_file(from);
   return metrics::turning_disk_from({detected, from == "find" ? file : from});
 }
 

@@ -4,13 +4,14 @@
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
+#include "pecs/platform.h"
 #include "pecs/program.h"
 #include "usage.h"
 
 namespace pecs::app {
 namespace {
 
-int run(int argc, char** argv) {
+int run(const std::vector<std::string>& words) {
   CLI::App app{"PECS: a physically based event-camera simulator", "pecs"};
   app.require_subcommand(1);
   add_examples(app, {"pecs demo                                    # a scene with ground truth",
@@ -18,7 +19,7 @@ int run(int argc, char** argv) {
                      "pecs view events.raw -o events.png           # and a picture of them",
                      "pecs --version --verbose                     # for a bug report"});
   add_version(app);
-  Console console({argv + 1, argv + argc});
+  Console console(words);
 #define PECS_ADD(name) add_##name(app, console);
   PECS_COMMANDS(PECS_ADD)
 #undef PECS_ADD
@@ -26,8 +27,8 @@ int run(int argc, char** argv) {
   check_options(app);
   format_help(app);
   try {
-    check_commands(app, argc, argv);
-    app.parse(argc, argv);
+    check_commands(app, words);
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));  // CLI11 takes the last word first
     console.end(app);
   } catch (const CLI::Success& e) {  // --help, --version
     return app.exit(e);
@@ -42,5 +43,5 @@ int run(int argc, char** argv) {
 }  // namespace pecs::app
 
 int main(int argc, char** argv) {
-  return pecs::run_program("pecs", [&] { return pecs::app::run(argc, argv); });
+  return pecs::run_program("pecs", [&] { return pecs::app::run(pecs::platform::arguments(argc, argv)); });
 }

@@ -1,6 +1,9 @@
 #pragma once
-#include <opencv2/core/mat.hpp>
 #include <string>
+
+namespace cv {
+class Mat;
+}
 
 namespace pecs::app {
 

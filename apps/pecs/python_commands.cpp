@@ -1,7 +1,6 @@
 // Commands that are Python modules: this program replaces itself by Python with the rest of the command line.
 #include <fmt/format.h>
 
-#include <cstdlib>
 #include <filesystem>
 
 #include "commands.h"
@@ -36,18 +35,18 @@ const PythonCommand kCommands[] = {
 
 std::string python(const char* variable) {
   for (const char* name : {variable, "PECS_PYTHON"})
-    if (const char* named = std::getenv(name)) return named;
+    if (const auto named = platform::environment(name)) return *named;
   std::error_code error;
   for (std::filesystem::path folder = platform::own_program().parent_path(); folder.has_relative_path();
        folder = folder.parent_path())
-    for (const char* own : {".venv/bin/python", "bin/python3"})
+    for (const std::string& own : platform::python_places())
       if (std::filesystem::exists(folder / own, error)) return (folder / own).string();
-  return "python3";
+  return std::filesystem::path(platform::python_places().back()).stem().string();
 }
 
 void become_python(const std::string& command, std::vector<std::string> words, const char* variable) {
   const std::filesystem::path self = platform::own_program();
-  if (!self.empty()) setenv("PECS_PROGRAM", self.c_str(), 0);
+  if (!self.empty() && !platform::environment("PECS_PROGRAM")) platform::set_environment("PECS_PROGRAM", self.string());
   const std::string program = python(variable), module = words.front();
   words.insert(words.begin(), {program, "-m", "pecs._command"});
   const std::string why = platform::become(program, std::move(words));

@@ -73,10 +73,9 @@ std::string full_name(const CLI::App& command) {
   return above.empty() ? command.get_name() : above + " " + command.get_name();
 }
 
-void check_commands(const CLI::App& app, int argc, const char* const* argv) {
+void check_commands(const CLI::App& app, const std::vector<std::string>& words) {
   const CLI::App* at = &app;
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
+  for (const std::string& word : words) {
     const std::vector<std::string> names = names_of_commands(*at);
     if (names.empty() || word.starts_with('-')) return;
     if (std::ranges::find(names, word) == names.end()) {

@@ -16,7 +16,7 @@ const CLI::App& chosen_command(const CLI::App& app);
 std::string full_name(const CLI::App& command);
 
 // Throws Error(usage) for an unknown subcommand, also where --help follows it.
-void check_commands(const CLI::App& app, int argc, const char* const* argv);
+void check_commands(const CLI::App& app, const std::vector<std::string>& words);
 
 // The message for an error of the parser.
 std::string usage_line(const CLI::App& app, const CLI::ParseError& error);

@@ -9,6 +9,8 @@
 #include "console.h"
 #include "help.h"
 #include "pecs/error.h"
+#include "pecs/files.h"
+#include "pecs/input/media.h"
 #include "pecs/view/event_pictures.h"
 #include "picture_file.h"
 #include "units.h"
@@ -89,6 +91,11 @@ void run(const ViewArguments& a, Console& console) {
 }
 
 }  // namespace
+
+void write_png(const std::string& path, const cv::Mat& picture) {
+  const std::vector<std::uint8_t> png = input::media().png_of(picture);
+  write_file(path, std::as_bytes(std::span(png)));
+}
 
 void add_view(CLI::App& app, Console& console) {
   auto a = std::make_shared<ViewArguments>();

@@ -2,7 +2,6 @@
 
 #include <fmt/ranges.h>
 
-#include <cstdlib>
 #include <set>
 
 #include "pecs/error.h"
@@ -12,9 +11,9 @@ namespace pecs {
 namespace fs = std::filesystem;
 
 fs::path data_dir(const std::string& folder) {
-  if (const char* set = std::getenv("PECS_DATA"); set && *set) {
-    if (fs::path dir = fs::path(set) / folder; fs::is_directory(dir)) return dir;
-    throw not_found((fs::path(set) / folder).string(), "no such folder (PECS_DATA is set)");
+  if (const auto set = platform::environment("PECS_DATA"); set && !set->empty()) {
+    if (fs::path dir = fs::path(*set) / folder; fs::is_directory(dir)) return dir;
+    throw not_found((fs::path(*set) / folder).string(), "no such folder (PECS_DATA is set)");
   }
   // build/<preset>/bin/pecs is four levels below the checkout's root, bin/pecs two below the prefix.
   fs::path above = platform::own_binary().parent_path();
@@ -25,7 +24,7 @@ fs::path data_dir(const std::string& folder) {
 }
 
 fs::path find_data(const std::string& folder, const std::string& name_or_path) {
-  if (name_or_path.find('/') != std::string::npos || name_or_path.ends_with(".json")) return name_or_path;
+  if (fs::path(name_or_path).has_parent_path() || name_or_path.ends_with(".json")) return name_or_path;
   const fs::path dir = data_dir(folder);
   if (fs::path path = dir / (name_or_path + ".json"); fs::is_regular_file(path)) return path;
   std::set<std::string> names;

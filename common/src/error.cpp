@@ -43,6 +43,12 @@ Error bad_output(const std::string& file, const std::string& reason) {
   return {ExitCode::bad_output, fmt::format("{}: cannot be written: {}", file, reason)};
 }
 
+Error not_in_core(const std::string& what) {
+  return {ExitCode::unsupported, what +
+                                     ": this build is the core of PECS, without OpenCV; the full program has it "
+                                     "(docs/start/install.md)"};
+}
+
 Error as_error(const std::exception& e) {
   if (const auto* ours = dynamic_cast<const Error*>(&e)) return *ours;
   if (const auto* files = dynamic_cast<const std::filesystem::filesystem_error*>(&e))

@@ -1,8 +1,6 @@
 #include "pecs/files.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
-#include <openssl/evp.h>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +11,7 @@
 
 #include "pecs/error.h"
 #include "pecs/text.h"
+#include "sha256.h"
 
 namespace pecs {
 namespace fs = std::filesystem;
@@ -60,7 +59,7 @@ fs::path file_behind(const fs::path& path) {
 
 FilePtr open_to_read(const fs::path& path) {
   if (fs::is_directory(path)) throw not_found(path.string(), "it is a directory");
-  FilePtr f(std::fopen(path.c_str(), "rb"));
+  FilePtr f(platform::open_to_read(path));
   if (!f) throw not_found(path.string(), last_error());
   return f;
 }
@@ -184,12 +183,9 @@ std::string read_text(const fs::path& path, std::size_t max_bytes) {
 }
 
 std::string sha256_of_file(const fs::path& path) {
-  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
-  EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr);
-  read_file(path, [&](std::string_view bytes) { EVP_DigestUpdate(context.get(), bytes.data(), bytes.size()); });
-  std::array<unsigned char, 32> digest{};
-  EVP_DigestFinal_ex(context.get(), digest.data(), nullptr);
-  return fmt::format("{:02x}", fmt::join(digest, ""));
+  Sha256 hash;
+  read_file(path, [&](std::string_view bytes) { hash.add(bytes); });
+  return hash.hex();
 }
 
 }  // namespace pecs

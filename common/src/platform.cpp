@@ -8,8 +8,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -26,6 +28,17 @@ extern "C" void end_at_once(int signal) {
 }
 
 }  // namespace
+
+std::vector<std::string> arguments(int argc, char** argv) { return {argv + std::min(argc, 1), argv + argc}; }
+
+std::optional<std::string> environment(const char* name) {
+  const char* value = std::getenv(name);
+  return value ? std::optional<std::string>(value) : std::nullopt;
+}
+
+void set_environment(const char* name, const std::string& value) { ::setenv(name, value.c_str(), 1); }
+
+std::vector<std::string> python_places() { return {".venv/bin/python", "bin/python3"}; }
 
 bool stderr_is_terminal() { return ::isatty(STDERR_FILENO) != 0; }
 
@@ -58,7 +71,7 @@ Child::Child(const std::string& program, std::vector<std::string> words) {
 
 Child::~Child() {
   stream_ = Descriptor();
-  if (process_ > 0) ::waitpid(process_, nullptr, 0);
+  if (process_ > 0) ::waitpid(static_cast<pid_t>(process_), nullptr, 0);
 }
 
 bool Child::write(const void* bytes, std::size_t count) {

@@ -51,6 +51,8 @@ Descriptor claim(const fs::path& file, const fs::path& path) {
   }
 }
 
+std::FILE* open_to_read(const fs::path& path) { return std::fopen(path.c_str(), "rb"); }
+
 std::FILE* open_stream(const fs::path& path) {
   const int fd = ::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
   return fd < 0 ? nullptr : ::fdopen(fd, "wb");

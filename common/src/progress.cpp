@@ -3,18 +3,13 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <cstdlib>
-#include <string_view>
 
 #include "pecs/platform.h"
 
 namespace pecs {
 namespace {
 
-bool wants_json() {
-  const char* form = std::getenv("PECS_PROGRESS");
-  return form && std::string_view(form) == "json";
-}
+bool wants_json() { return platform::environment("PECS_PROGRESS") == "json"; }
 
 }  // namespace
 

@@ -11,7 +11,7 @@ from ._platform import become
 
 def program() -> Path:
     """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout. Raises FileNotFoundError if there is
-    none (a library built with -DPECS_BUILD_PROGRAM=OFF)."""
+    none."""
     if named := os.environ.get("PECS_PROGRAM"):
         return Path(named)
     here = Path(__file__).resolve().parent

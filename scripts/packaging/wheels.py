@@ -31,7 +31,7 @@ def epoch_s() -> int:
 
 def built_wheel(folder: Path, source: Path = ROOT) -> Path:
     """The wheel as scikit-build-core makes it, tied to this system's libraries. Without build/wheel-libraries, the
-    wheel of pecs has no program."""
+    wheel of pecs has the core's program."""
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
     # Compiler and flags as in scripts/setup.sh: ccache takes the objects from build/release.
     defines = {"PECS_WITH_RSVG": "OFF", "PECS_WERROR": "ON" if os.environ.get("CI") == "true" else "OFF"}
@@ -39,7 +39,7 @@ def built_wheel(folder: Path, source: Path = ROOT) -> Path:
     if (LIBRARIES / "ready").is_file():
         environment |= {"CMAKE_PREFIX_PATH": str(LIBRARIES), "HDF5_ROOT": str(LIBRARIES)}
     else:
-        defines["PECS_BUILD_PROGRAM"] = "OFF"
+        defines["PECS_CORE"] = "ON"
     options = [f"--config-settings=cmake.define.{k}={v}" for k, v in defines.items()] if source == ROOT else []
     subprocess.run([*command, *options, "-w", folder, source], check=True, env=environment)
     (wheel,) = folder.glob("*.whl")

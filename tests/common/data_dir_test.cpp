@@ -1,12 +1,12 @@
 #include "pecs/data_dir.h"
 
 #include <gtest/gtest.h>
-#include <stdlib.h>
 #include <unistd.h>
 
 #include <fstream>
 
 #include "pecs/error.h"
+#include "pecs/platform.h"
 #include "shared.h"
 
 namespace pecs {
@@ -17,10 +17,10 @@ class DataDir : public testing::Test {
   void SetUp() override {
     std::filesystem::create_directories(dir_ / "room/things");
     std::ofstream(dir_ / "room/things/one.json") << "{}";
-    ::setenv("PECS_DATA", dir_.c_str(), 1);
+    platform::set_environment("PECS_DATA", dir_.string());
   }
   void TearDown() override {
-    ::unsetenv("PECS_DATA");
+    platform::set_environment("PECS_DATA", "");
     std::filesystem::remove_all(dir_);
   }
   std::filesystem::path dir_ =
@@ -45,7 +45,7 @@ TEST_F(DataDir, UnknownNameListsTheAvailable) {
 }
 
 TEST_F(DataDir, FindsTheCheckoutAboveTheProgram) {
-  ::unsetenv("PECS_DATA");
+  platform::set_environment("PECS_DATA", "");
   EXPECT_TRUE(std::filesystem::equivalent(data_dir("docs"), tests::source_dir() / "docs"));
   EXPECT_THROW(data_dir("no_such_room"), Error);
 }

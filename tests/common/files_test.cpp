@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "pecs/error.h"
+#include "pecs/text.h"
 
 namespace fs = std::filesystem;
 
@@ -44,9 +45,37 @@ TEST_F(Files, AFullDiskIsAnError) {
   EXPECT_TRUE(fs::is_symlink(dir_ / "b.txt")) << "written through, not replaced";
 }
 
-TEST_F(Files, Sha256IsTheStandardOne) {  // FIPS 180-2, appendix B.1
-  pecs::write_file(dir_ / "abc", "abc");
-  EXPECT_EQ(pecs::sha256_of_file(dir_ / "abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+TEST_F(Files, Sha256IsTheStandardOne) {
+  const auto hash = [&](const std::string& text) {
+    pecs::write_file(dir_ / "text", text);
+    return pecs::sha256_of_file(dir_ / "text");
+  };
+  // FIPS 180-2, appendix B
+  EXPECT_EQ(hash(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(hash("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(hash("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq"),
+            "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
+  EXPECT_EQ(hash(std::string(1'000'000, 'a')), "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+  // The hash of the hashes of every length up to three blocks, by Python's hashlib.
+  std::string all;
+  for (int length = 0; length <= 200; ++length) {
+    std::string text;
+    for (int i = 0; i < length; ++i) text += static_cast<char>((i * 7 + length) % 251);
+    all += hash(text);
+  }
+  EXPECT_EQ(hash(all), "22c7fad6d297c3a674934039e445c8d8b2dc25f6636af76279787fdf3463b15c");
+}
+
+TEST(Text, Base64IsTheStandardOne) {  // RFC 4648, section 10
+  const auto of = [](std::string_view text) {
+    return pecs::base64({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  };
+  EXPECT_EQ(of(""), "");
+  EXPECT_EQ(of("f"), "Zg==");
+  EXPECT_EQ(of("fo"), "Zm8=");
+  EXPECT_EQ(of("foo"), "Zm9v");
+  EXPECT_EQ(of("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(of("\xfb\xff\xfe"), "+//+");
 }
 
 TEST_F(Files, TextHasNoByteOrderMark) {

@@ -13,6 +13,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fuzz::try_to([&] {
     input::PictureOptions options;
     options.times.fps = 100;
+    options.flow = false;
     const auto frames = input::open_pictures(file.extension() == ".mp4" ? file : file.parent_path(), options);
     for (std::int64_t i = 0; i < std::min<std::int64_t>(frames->frames(), 4); ++i)
       frames->read_rows(i, [](int, int, std::span<const float>) {});

@@ -2,8 +2,8 @@
 
 #include <fmt/format.h>
 
+#include "pecs/events/picture.h"
 #include "pecs/page/page.h"
-#include "pecs/view/event_pictures.h"
 
 namespace pecs::view {
 
@@ -71,7 +71,7 @@ std::string compare_picture(const metrics::Comparison& c) {
       "#626c78 }} .middle {{ text-anchor: middle }} .end {{ text-anchor: end }} .grid {{ stroke: #d5dae0; fill: none "
       "}} .curve {{ fill: none; stroke-width: 1.8 }} .on {{ stroke: {} }} .off {{ stroke: {} }} .sim {{ "
       "stroke-dasharray: 5 3 }}</style><rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>",
-      kWidth, kHeight * plots.size(), kLight.on.hex(), kLight.off.hex());
+      kWidth, kHeight * plots.size(), events::kLight.on.hex(), events::kLight.off.hex());
   for (std::size_t i = 0; i < plots.size(); ++i)
     svg += fmt::format("<svg y=\"{}\" width=\"{}\" height=\"{}\">{}</svg>", i * kHeight, kWidth, kHeight, plots[i]);
   return svg + "</svg>\n";

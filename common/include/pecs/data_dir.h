@@ -5,7 +5,7 @@
 
 namespace pecs {
 
-// The path of `name_or_path`: the argument itself if it contains a '/' or ends in ".json", otherwise
+// The path of `name_or_path`: the argument itself if it has a folder or ends in ".json", otherwise
 // "<data>/<folder>/<name>.json" ("dgauss_50mm" in folder "lens_data/lenses"). <data> is $PECS_DATA if set, otherwise
 // "share/pecs" or the checkout above the running program or library. Throws not_found, which lists the available names.
 std::filesystem::path find_data(const std::string& folder, const std::string& name_or_path);

@@ -35,6 +35,8 @@ Error bad_input(const std::string& file, const std::string& place, const std::st
 Error not_found(const std::string& file, const std::string& reason);
 // "FILE: cannot be written: REASON"
 Error bad_output(const std::string& file, const std::string& reason);
+// "WHAT: …": for what a build with PECS_CORE lacks.
+Error not_in_core(const std::string& what);
 // Converts an exception: file system errors are not_found, std::bad_alloc is no_memory, all others are internal.
 Error as_error(const std::exception& e);
 

@@ -2,9 +2,11 @@
 // All that is the operating system's and not standard C++: files and their locks, processes, signals, memory,
 // libraries. No other file includes its headers (tests/python/docs/test_structure.py).
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,6 +28,7 @@ class Descriptor {
 // Opens, locks and empties a file for the output `path`, in this order: a file that another process writes stays
 // intact. Throws bad_output for a link, for what is no regular file, and where another process has the lock.
 Descriptor claim(const std::filesystem::path& file, const std::filesystem::path& path);
+std::FILE* open_to_read(const std::filesystem::path& path);              // null: errno
 std::FILE* open_stream(const std::filesystem::path& path);               // to write; null: errno
 std::FILE* open_again(const Descriptor& file, const char* mode = "wb");  // the same file; null: errno
 std::FILE* open_unnamed(const std::filesystem::path& beside);            // to write and read; null: errno
@@ -35,6 +38,10 @@ std::string rename_complete(const std::filesystem::path& from, const std::filesy
 void will_read(const std::filesystem::path& path);  // asks for the file's content ahead of its use
 
 // Processes.
+std::vector<std::string> arguments(int argc, char** argv);  // of main, without the program; UTF-8
+std::optional<std::string> environment(const char* name);
+void set_environment(const char* name, const std::string& value);
+std::vector<std::string> python_places();  // of a Python, in the folders of a checkout or an environment
 bool stderr_is_terminal();
 std::filesystem::path own_binary();   // the program or shared library that this code was linked into
 std::filesystem::path own_program();  // the program; empty where the system does not tell
@@ -54,7 +61,7 @@ class Child {
 
  private:
   Descriptor stream_;
-  int process_ = -1;
+  std::intptr_t process_ = -1;
 };
 // Whether work() returns in a child process within a time, without a word on stderr.
 bool succeeds_in_child(const std::function<void()>& work, unsigned limit_s);

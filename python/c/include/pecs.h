@@ -13,7 +13,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#if !defined(_WIN32)
 #define PECS_API __attribute__((visibility("default")))
+#elif defined(PECS_BUILDS_LIBRARY)
+#define PECS_API __declspec(dllexport)
+#else
+#define PECS_API __declspec(dllimport)
+#endif
 
 /* Of this header; pecs_version() is the library's. */
 #define PECS_VERSION_MAJOR 0

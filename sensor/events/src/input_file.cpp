@@ -6,6 +6,7 @@
 #include <cerrno>
 
 #include "buffer_size.h"
+#include "pecs/platform.h"
 
 namespace pecs::events {
 namespace {
@@ -15,7 +16,7 @@ constexpr std::size_t kBufferBytes = buffer_size(1 << 18, 64);
 InputFile::InputFile(std::filesystem::path path) : path_(std::move(path)), buffer_(kBufferBytes) {
   std::error_code ec;
   if (std::filesystem::is_directory(path_, ec)) throw not_found(path_.string(), "is a folder");
-  file_.reset(std::fopen(path_.c_str(), "rb"));
+  file_.reset(platform::open_to_read(path_));
   if (!file_) throw not_found(path_.string(), std::strerror(errno));
   std::setvbuf(file_.get(), nullptr, _IONBF, 0);
   size_ = std::filesystem::file_size(path_, ec);

@@ -34,7 +34,7 @@ struct MemberCloser {
 
 Archive open_archive(const std::filesystem::path& path) {
   int code = 0;
-  Archive archive(zip_open(path.c_str(), ZIP_RDONLY, &code));
+  Archive archive(zip_open(path.string().c_str(), ZIP_RDONLY, &code));
   if (archive) return archive;
   if (code == ZIP_ER_NOENT || code == ZIP_ER_OPEN) throw not_found(path.string(), std::strerror(errno));
   throw bad_input(path.string(), "byte 0", "data that is not a complete ZIP archive", "an NPZ file");

@@ -27,7 +27,7 @@ class OutputFile {
   // The next put() calls overwrite existing bytes from this offset on; they must not write beyond the end.
   void rewrite_from(std::uint64_t offset) {
     flush();
-    std::fseek(file_.stream(), static_cast<long>(offset), SEEK_SET);
+    fseeko(file_.stream(), static_cast<off_t>(offset), SEEK_SET);
   }
   void commit() {
     flush();

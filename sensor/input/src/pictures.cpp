@@ -15,7 +15,6 @@
 #include "pecs/events/format.h"
 #include "pecs/input/media.h"
 #include "pecs/input/motion_estimate.h"
-#include "pecs/sensor/stack.h"
 #include "picture_header.h"
 #include "rolling_shutter.h"
 
@@ -286,32 +285,15 @@ std::unique_ptr<sensor::FrameSource> with_shutter(std::unique_ptr<Pictures> pict
 }  // namespace
 
 std::unique_ptr<sensor::FrameSource> open_pictures(const fs::path& path, const PictureOptions& options) {
-  if (fs::is_directory(path)) return with_shutter(std::make_unique<Folder>(path, options), options);
-  reject_other_files(path);
-  return with_shutter(std::make_unique<Video>(path, options), options);
-}
-
-std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
-  if (!fs::exists(path)) throw not_found(path.string(), "no such file or folder");
-  static const std::string kExr[] = {".exr"};
-  const bool has_json = fs::exists(path / "stack.json");
-  const auto refuse = [&](const char* option, const char* wanted) {
-    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, path.string(), wanted));
-  };
-  if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
-    if (options.colour_space) refuse("--colorspace", "pictures or a video");
-    if (options.ocio_config) refuse("--ocio", "pictures or a video");
-    if (!options.flow) refuse("--no-flow", "pictures or a video");
-    if (options.rolling_shutter_us) refuse("--rolling-shutter", "pictures or a video");
-    if (options.crop) refuse("--crop", "pictures or a video");
-    if (options.size) refuse("--size", "pictures or a video");
-    if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
-    if (has_json && options.times.unit) refuse("--time-unit", "--times, and frames without times of their own");
-    if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
-    return std::make_unique<sensor::StackReader>(path, options.times);
+  std::unique_ptr<Pictures> pictures;
+  if (fs::is_directory(path)) {
+    pictures = std::make_unique<Folder>(path, options);
+  } else {
+    reject_other_files(path);
+    pictures = std::make_unique<Video>(path, options);
   }
-  auto pictures = open_pictures(path, options);
-  return options.flow ? with_estimated_motion(std::move(pictures)) : std::move(pictures);
+  auto frames = with_shutter(std::move(pictures), options);
+  return options.flow ? with_estimated_motion(std::move(frames)) : std::move(frames);
 }
 
 }  // namespace pecs::input

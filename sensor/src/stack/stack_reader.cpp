@@ -119,7 +119,7 @@ void check_primaries(const Imf::Header& header, const fs::path& path) {
 // Found by the names of the channels in a file.
 ForeignStack foreign_stack(const fs::path& path) {
   return reading(path, [&] {
-    const Imf::InputFile file(path.c_str(), 0);
+    const Imf::InputFile file(path.string().c_str(), 0);
     check_declared_size(file.header(), path);
     const Imf::Header& header = file.header();
     ForeignStack f;
@@ -242,7 +242,8 @@ std::vector<std::int64_t> StackReader::between_ns(std::int64_t interval) const {
   for (std::size_t k = 0; k < found->second.size(); ++k) {
     const fs::path path = between_path(interval, k);
     const std::int64_t last = times.empty() ? begin_ns : times.back();
-    const std::int64_t time = reading(path, [&] { return time_of(Imf::InputFile(path.c_str(), 0).header(), path); });
+    const std::int64_t time =
+        reading(path, [&] { return time_of(Imf::InputFile(path.string().c_str(), 0).header(), path); });
     if (time <= last || time >= end_ns)
       throw bad_input(path.string(), kTimeAttribute, std::to_string(time),
                       fmt::format("more than {} and less than {}", last, end_ns));
@@ -315,7 +316,7 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
                             const RowSink& sink, int begin, int end) const {
   if (!fs::exists(path)) throw not_found(path.string(), "no such file");
   reading(path, [&] {
-    Imf::InputFile file(path.c_str(), 0);
+    Imf::InputFile file(path.string().c_str(), 0);
     check_declared_size(file.header(), path);
     const auto channels = check_header(file.header(), path, info_, layer, !has_json_);
     if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);

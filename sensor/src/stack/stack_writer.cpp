@@ -131,7 +131,7 @@ bool StackWriter::is_whole(const fs::path& path, const Layer& layer, std::int64_
   if (!fs::exists(path)) return false;
   try {
     return reading(path, [&] {
-      Imf::InputFile file(path.c_str(), 0);
+      Imf::InputFile file(path.string().c_str(), 0);
       check_declared_size(file.header(), path);
       const auto channels = check_header(file.header(), path, info_, layer);
       check_time(file.header(), path, time_ns, true);

@@ -138,10 +138,12 @@ def test_private_headers_stay_in_their_part():
 
 def test_platform_headers_stay_in_one_part():
     """Files, locks, processes, signals, memory and libraries of the operating system: pecs/platform.h."""
-    of_system = re.compile(r"#\s*include <((sys|linux)/.*|unistd|fcntl|signal|csignal|dlfcn|poll|termios)\b")
+    names = "unistd|fcntl|signal|csignal|dlfcn|poll|termios|windows|shellapi|io"
+    of_system = re.compile(rf"#\s*include <((sys|linux)/.*|{names})\b")
     found = {name_of(p) for p in sources(".h", ".cpp") if of_system.search(p.read_text())}
     found = {name for name in found if not name.startswith(("tests/", "scripts/"))}
-    assert found == {"common/src/platform.cpp", "common/src/platform_files.cpp"}
+    unix = {"common/src/platform.cpp", "common/src/platform_files.cpp"}
+    assert found == unix | {name.replace(".cpp", "_windows.cpp") for name in unix} | {"common/src/on_windows.h"}
 
 
 OF_SYSTEM = re.compile(

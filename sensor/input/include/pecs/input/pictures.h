@@ -20,8 +20,8 @@ struct PictureOptions {
   bool flow = true;  // with motion from one to the next (motion_estimate.h)
 };
 
-// A folder of pictures, or a video file, without motion. Throws not_found, bad_input, and usage for a wrong colour
-// space, or a rolling shutter longer than an interval between frames.
+// A folder of pictures, or a video file. Throws not_found, bad_input, and usage for a wrong colour space, or a rolling
+// shutter longer than an interval between frames; in the core (PECS_CORE) unsupported.
 std::unique_ptr<sensor::FrameSource> open_pictures(const std::filesystem::path& path, const PictureOptions& options);
 
 // Opens an EXR stack, a folder of EXR files, a folder of pictures, or a video, by content.

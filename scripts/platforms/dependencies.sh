@@ -1,0 +1,87 @@
+#!/usr/bin/env bash
+# Builds the libraries of PECS's core (versions.txt), static, for one platform:
+#   scripts/platforms/dependencies.sh TARGET    a toolchain file here: windows-x86_64, linux-x86_64, linux-aarch64, macos
+# They go to ~/.cache/pecs-dependencies/TARGET (PECS_DEPENDENCIES names another folder than ~/.cache/pecs-dependencies), from
+# where the toolchain file takes them. What is there in its version, for this toolchain, stays. Minutes.
+source "$(dirname "$0")/../lib.sh"
+HERE="$ROOT/scripts/platforms"
+TARGET=${1:-} TOOLCHAIN="$HERE/${1:-}.cmake"
+[ -n "$TARGET" ] && [ "$TARGET" != static ] && [ -f "$TOOLCHAIN" ] ||
+  die "dependencies.sh: got '$TARGET', wanted a toolchain file of scripts/platforms, without .cmake" 2
+export PECS_DEPENDENCIES="${PECS_DEPENDENCIES:-$HOME/.cache/pecs-dependencies}"
+PREFIX="$PECS_DEPENDENCIES/$TARGET" SOURCES="$PECS_DEPENDENCIES/sources"
+POOL=${PECS_POOL:-https://deb.debian.org/debian/pool/main}
+mkdir -p "$PREFIX/ready" "$PREFIX/build" "$PREFIX/licences" "$SOURCES"
+
+# fetched FILE SHA256 FOLDER: into $SOURCES.
+fetched() {
+  local file="$SOURCES/$1" got
+  [ -f "$file" ] || curl -sSfL --retry 3 -o "$file" "$POOL/$3/$1" || die "dependencies.sh: $POOL/$3/$1: no download" 3
+  got=$( (sha256sum "$file" 2>/dev/null || shasum -a 256 "$file") | cut -d' ' -f1)
+  [ "$got" = "$2" ] || { rm "$file"; die "dependencies.sh: $POOL/$3/$1: got sha256 $got, wanted $2" 3; }
+}
+
+# source_of NAME: unpacks the source with Debian's patches in $SOURCE.
+source_of() {
+  local name version pack source patches folder file
+  read -r name version pack source patches < <(grep "^$1 " "$HERE/versions.txt")
+  case $name in lib*) folder=${name:0:4} ;; *) folder=${name:0:1} ;; esac
+  file="${name}_${version%-*}.orig.tar.$pack"
+  fetched "$file" "$source" "$folder/$name"
+  rm -rf "$SOURCE" && mkdir -p "$SOURCE"
+  tar -xf "$SOURCES/$file" -C "$SOURCE" --strip-components 1
+  [ "$patches" != - ] || { mkdir "$SOURCE/debian" && cp "$SOURCE/COPYING" "$SOURCE/debian/copyright" && return; }
+  file="${name}_$version.debian.tar.xz"
+  fetched "$file" "$patches" "$folder/$name"
+  tar -xf "$SOURCES/$file" -C "$SOURCE"
+  [ ! -f "$SOURCE/debian/patches/series" ] || sed 's/#.*//' "$SOURCE/debian/patches/series" | while read -r file; do
+    [ -z "$file" ] || patch -d "$SOURCE" -p1 -s -N <"$SOURCE/debian/patches/$file"
+  done
+}
+
+# library NAME [-S FOLDER] [-e FILE EDIT]... [CMAKE_OPTION=VALUE...]: builds and installs one of versions.txt, unless it is there.
+library() {
+  local name=$1 key folder=. edits=() options=() started=$SECONDS; shift
+  key=$( (grep "^$name " "$HERE/versions.txt"; cat "$TOOLCHAIN" "$HERE/static.cmake"; echo "$@") | cksum)
+  [ "$(cat "$PREFIX/ready/$name" 2>/dev/null)" != "$key" ] || return 0
+  [ "${1:-}" != -S ] || { folder=$2; shift 2; }
+  while [ "${1:-}" = -e ]; do edits+=("$2" "$3"); shift 3; done
+  for option in "$@"; do options+=("-D$option"); done
+  SOURCE="$PREFIX/build/$name" LOG="$PREFIX/build/$name.log"
+  (source_of "$name") >"$LOG" 2>&1 || { tail -20 "$LOG"; die "dependencies.sh: $name: no source"; }
+  set -- ${edits[@]+"${edits[@]}"}
+  while [ $# -gt 0 ]; do sed -i.old "$2" "$SOURCE/$1"; shift 2; done
+  { cmake -S "$SOURCE/$folder" -B "$SOURCE/pecs" -G Ninja -DCMAKE_TOOLCHAIN_FILE="$TOOLCHAIN" -DCMAKE_BUILD_TYPE=Release \
+      -DCMAKE_INSTALL_PREFIX="$PREFIX" -DCMAKE_INSTALL_LIBDIR=lib -DBUILD_SHARED_LIBS=OFF -DBUILD_TESTING=OFF \
+      -DCMAKE_POSITION_INDEPENDENT_CODE=ON -DCMAKE_EXPORT_NO_PACKAGE_REGISTRY=ON ${options[@]+"${options[@]}"} &&
+    cmake --build "$SOURCE/pecs" ${JOBS:+-j "$JOBS"} --target install; } >>"$LOG" 2>&1 ||
+    { tail -30 "$LOG"; die "dependencies.sh: $name: not built; $LOG"; }
+  cp "$SOURCE/debian/copyright" "$PREFIX/licences/$name.txt"
+  [ -n "${PECS_KEEP:-}" ] || rm -rf "$SOURCE"
+  printf '%s' "$key" >"$PREFIX/ready/$name"
+  printf '%-16s %4d s\n' "$name" $((SECONDS - started))
+}
+
+library fmtlib FMT_TEST=OFF FMT_DOC=OFF
+library nlohmann-json3 JSON_BuildTests=OFF
+library eigen3 EIGEN_BUILD_DOC=OFF EIGEN_BUILD_PKGCONFIG=ON CMAKE_Fortran_COMPILER=NOTFOUND
+library cli11 CLI11_BUILD_TESTS=OFF CLI11_BUILD_EXAMPLES=OFF CLI11_BUILD_DOCS=OFF CLI11_SINGLE_FILE=OFF
+library highway -e CMakeLists.txt '/vqsort_\*\.cc/d; /vqsort\.cc/d' HWY_ENABLE_TESTS=OFF HWY_ENABLE_EXAMPLES=OFF  # without the sorts, which take minutes to compile
+library libdeflate LIBDEFLATE_BUILD_SHARED_LIB=OFF LIBDEFLATE_BUILD_GZIP=OFF
+# No option leaves out its shared library and programs, or names the static library libz on Windows.
+library zlib -e CMakeLists.txt 's/(zlib SHARED/& EXCLUDE_FROM_ALL/; s/add_executable([a-z0-9]*/& EXCLUDE_FROM_ALL/; s/TARGETS zlib /TARGETS /; s/if(UNIX)/if(NOT MSVC)/'
+library imath
+library openexr OPENEXR_BUILD_TOOLS=OFF OPENEXR_INSTALL_EXAMPLES=OFF OPENEXR_INSTALL_TOOLS=OFF
+library onetbb TBB_TEST=OFF TBB_STRICT=OFF TBBMALLOC_BUILD=OFF TBB_DISABLE_HWLOC_AUTOMATIC_SEARCH=ON
+library pugixml
+library flatbuffers FLATBUFFERS_BUILD_TESTS=OFF FLATBUFFERS_BUILD_FLATC="$([ "$TARGET" = macos ] && echo ON || echo OFF)" FLATBUFFERS_BUILD_FLATLIB=OFF
+library lz4 -S build/cmake LZ4_BUILD_CLI=OFF LZ4_BUILD_LEGACY_LZ4C=OFF
+library libzstd -S build/cmake ZSTD_BUILD_PROGRAMS=OFF ZSTD_BUILD_SHARED=OFF ZSTD_LEGACY_SUPPORT=OFF
+library c-blosc -e blosc/shuffle.c 's/defined(_IMMINTRIN_H_INCLUDED)/0/' -e blosc.pc.in 's/^Requires:/& liblz4 libzstd zlib/' BUILD_SHARED=OFF BUILD_TESTS=OFF BUILD_FUZZERS=OFF BUILD_BENCHMARKS=OFF DEACTIVATE_SNAPPY=ON \
+  PREFER_EXTERNAL_LZ4=ON PREFER_EXTERNAL_ZLIB=ON PREFER_EXTERNAL_ZSTD=ON
+library libzip BUILD_TOOLS=OFF BUILD_REGRESS=OFF BUILD_EXAMPLES=OFF BUILD_DOC=OFF ENABLE_COMMONCRYPTO=OFF ENABLE_GNUTLS=OFF \
+  ENABLE_MBEDTLS=OFF ENABLE_OPENSSL=OFF ENABLE_WINDOWS_CRYPTO=OFF ENABLE_BZIP2=OFF ENABLE_LZMA=OFF
+library hdf5 HDF5_BUILD_TOOLS=OFF HDF5_BUILD_EXAMPLES=OFF HDF5_BUILD_HL_LIB=OFF HDF5_BUILD_CPP_LIB=OFF HDF5_ENABLE_SZIP_SUPPORT=OFF \
+  HDF5_ENABLE_Z_LIB_SUPPORT=ON
+library googletest
+say "$PREFIX is ready"

@@ -1,0 +1,17 @@
+# What the toolchain files share: libraries are those that dependencies.sh built, static, and no others.
+get_filename_component(PECS_TARGET ${CMAKE_TOOLCHAIN_FILE} NAME_WE)
+set(dependencies $ENV{PECS_DEPENDENCIES})
+if(NOT dependencies)
+  set(dependencies $ENV{HOME}/.cache/pecs-dependencies)
+endif()
+set(CMAKE_FIND_ROOT_PATH ${dependencies}/${PECS_TARGET})
+set(CMAKE_PREFIX_PATH ${CMAKE_FIND_ROOT_PATH})
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(ENV{PKG_CONFIG_LIBDIR} ${CMAKE_FIND_ROOT_PATH}/lib/pkgconfig:${CMAKE_FIND_ROOT_PATH}/share/pkgconfig)
+set(PKG_CONFIG_ARGN --static)
+set(HDF5_USE_STATIC_LIBRARIES ON)
+set(HDF5_C_COMPILER_EXECUTABLE /bin/false)  # FindHDF5 would ask this machine's h5cc
+set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES CMAKE_TOOLCHAIN_FILE)
