@@ -12,7 +12,7 @@ lengths; the picture nearest to a frame's time is scored.
 --picture shows drawn sequences that no network was trained on, and the disk; --look the recordings, which have no
 licence for a page.
 
---train trains the networks of the comparison of simulators in FOLDER/SIMULATOR-SEED, or continues; only they are scored.
+--train trains the networks of the comparison of simulators in FOLDER/SIMULATOR-SEED, or continues, and scores these.
 Plan, written before the first training:
     Simulators: pecs (as `pecs train` draws cameras), esim (thresholds 0.1 to 1.5, the other polarity's N(1, 0.1) of it,
         refractory period 1 ms: Stoffregen et al., ECCV 2020), v2e (thresholds 0.2 to 0.5, sigma 0.03 to 0.05, a third

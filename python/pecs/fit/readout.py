@@ -38,11 +38,13 @@ def measure(of: Flash, profile: Mapping[str, float]) -> Found:
         if busy.sum() < LEAST:
             raise PecsInputError(
                 f"{of.file}: got {int(busy.sum())} times {WINDOW} rows that follow each other without a pause, "
-                f" wanted {LEAST} (brighter light, more pixels or more flashes)"
+                f"wanted {LEAST} (brighter light, more pixels or more flashes)"
             )
-        found, spread = _least_squares(a[busy], took_us[busy])
-        spread += np.diag([PAUSE_US**2, (PAUSE_US / vectors.mean()) ** 2])
-        if found[1] <= 0 or np.sqrt(spread[1, 1]) > MAX_SD * found[1]:  # rows are all alike: the rate stays
+        differ = np.ptp(sent[busy]) > 0
+        if differ:
+            found, spread = _least_squares(a[busy], took_us[busy])
+            spread += np.diag([PAUSE_US**2, (PAUSE_US / vectors.mean()) ** 2])
+        if not differ or found[1] <= 0 or np.sqrt(spread[1, 1]) > MAX_SD * found[1]:  # rows are alike: the rate stays
             found, spread = _least_squares(a[busy, :1], took_us[busy] - vector_us * sent[busy])
             found, spread = np.append(found, vector_us), np.pad(spread + PAUSE_US**2, (0, 1))
         before, busy = busy, np.abs(took_us - a @ found) < 4 * ROUNDED_US

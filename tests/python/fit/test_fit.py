@@ -137,6 +137,12 @@ def test_the_readout_is_measured(flashes):
         assert value == pytest.approx(SLOW[key], rel=0.03) and abs(value - SLOW[key]) < 2 * sd < 0.3 * value, key
 
 
+def test_rows_that_are_alike_keep_the_rate(flashes):
+    """Vectors as wide as the sensor: each row has one."""
+    found = readout.measure(Flash(flashes), SLOW | {"readout_vector_px": 1024, "readout_rate_hz": 1e10})
+    assert set(found) == {"readout_row_s"} and found["readout_row_s"][0] > SLOW["readout_row_s"]
+
+
 def test_a_readout_that_is_never_busy_is_refused(tmp_path):
     light, t_us = light_of((1, 0.02))
     path = saved(tmp_path / "dim.raw", film(t_us, light, photocurrent_a=1e-15))
@@ -289,7 +295,10 @@ def test_the_command_writes_a_profile_and_a_page(tmp_path, monkeypatch, flashes)
     chip, page, numbers = (tmp_path / name for name in ("mine.json", "fit.html", "fit.json"))
     levels = ",".join(map(str, hidden.LEVELS))
     words = ["--steps", f"{files[0]}={levels}", "--still", f"{files[1]}=0", "--photocurrent", f"{light_a:g}A"]
-    words += ["--flash", flashes]
+    vector = {"value": SLOW["readout_vector_px"], "unit": "px", "range": [1, 8192], "source": "drawn"}
+    base = {"pecs_chip": 1, "based_on": "imx636", "name": "base", "values": {"readout_vector_px": vector}}
+    (tmp_path / "base.json").write_text(json.dumps(base))
+    words += ["--flash", flashes, "--chip", tmp_path / "base.json"]
     done = run(*words, "--pixels", 128, "-o", chip, "--report", page, "--numbers", numbers, "--pixel-map")
     assert done.returncode == 0, done.stderr
     found, wrote = pecs.Chip(str(chip)), json.loads(numbers.read_text())
