@@ -14,7 +14,7 @@ from ..chip import Chip
 from . import hot, statistics
 from .davis import Moving, find_exposures, measure_moving, refractory_us
 from .davis_recording import Davis, DavisEvents, load_davis
-from .davis_still import MODEL_SD, MOST_WINDOWS, StillProblem, StillStatistics, still_windows
+from .davis_still import MODEL_SD, StillProblem, StillStatistics, still_windows
 from .estimate import NORMAL_95, Compared, Fitted, Value, kept
 from .recordings import StillEvents
 from .search import FLICKER, FREE, LIGHT, PHASE, Floats, Search, back, forward
@@ -25,7 +25,6 @@ PIXEL_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.5  # of a logarithm; a value known less well is kept
 LEAST_RATE_HZ = 0.05  # of background, below which it does not show among noise
 COARSE_SD, WIDER = 0.3, 1.4  # far from the best values; of all intervals, as estimate.WIDER
-STEP_US = 1e-6
 
 Values = dict[str, Value]
 
@@ -90,7 +89,7 @@ def fit_davis(
         hot_values, without = _of_hot_pixels(found, windows, base)
         fixed = {key: v.value for key, v in values.items() if v.fitted and key not in keep}
         fixed |= {"hot_pixel_fraction": 0.0}
-        problem = StillProblem(found, windows[-MOST_WINDOWS:], moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress)
+        problem = StillProblem(found, windows, moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress)
         still = _Still(problem, base, moving, keep)
         values |= still.values | hot_values
         light, data, simulated = still.light, [problem], [still.simulated]
@@ -118,8 +117,9 @@ def _of_frames(of: DavisEvents, moving: Moving, base: dict[str, float]) -> Value
     if exposure_s > 0:
         ends = float(1e-6 * length_us.min()), float(1e-6 * length_us.max())
         out["frame_exposure_s"] = Value(exposure_s, ends, base["frame_exposure_s"])
-        dead_s = min(base["frame_dead_s"], max(period_s - exposure_s - STEP_US, 0.0))
-        out["frame_dead_s"] = Value(dead_s, (0.0, max(period_s - exposure_s, dead_s)), base["frame_dead_s"])
+        rest_s = max(0.0, period_s - exposure_s - 1e-6)
+        if rest_s < base["frame_dead_s"]:
+            out["frame_dead_s"] = Value(rest_s, (0.0, rest_s), base["frame_dead_s"])
     else:
         out["frame_exposure_s"] = kept(base["frame_exposure_s"], "neither stamps nor bursts show it")
     offset = moving.black * (2 ** base["frame_adc_bits"] - 1)
@@ -234,8 +234,7 @@ class _Still:
         self.simulated: StillStatistics = problem.simulate(best)
         numbers, deviation = problem.simulated(best), np.sqrt(self.search.variance)
         rows = zip(problem.names, problem.measured, numbers, deviation, strict=True)
-        name = problem.of.name
-        self.compared = [Compared(name, "", n, float(real), float(sim), float(d)) for n, real, sim, d in rows]
+        self.compared = [Compared(problem.name, "", n, float(real), float(sim), float(d)) for n, real, sim, d in rows]
         self.correlations = {
             a: {b: float(spread[i, j] / sd[i] / sd[j]) for j, b in enumerate(keys)} for i, a in enumerate(keys)
         }

@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 def still_windows(of: DavisEvents) -> NDArray[np.int64]:
-    """Frames k that are followed by a frame of the same picture: at edges, changes are small against the slope."""
+    """Some frames k that are followed by a frame of the same picture: at edges, changes are small against the slope."""
     smooth = [_boxed(f) for f in of.frames]
     out = []
     for k in consecutive(of):
@@ -43,7 +43,8 @@ def still_windows(of: DavisEvents) -> NDArray[np.int64]:
         edges = slope > np.quantile(slope, 0.95)
         if np.abs(smooth[k + 1] - smooth[k])[edges].sum() < STILL_PX * slope[edges].sum():
             out.append(k)
-    return np.array(out, np.int64)
+    complete = [k for k in out if k - 1 in consecutive(of)] or out  # the begin of their first exposure is recorded
+    return np.array(complete[len(complete) // 3 :][-MOST_WINDOWS:], np.int64)  # pixels settle for a while after motion
 
 
 def _boxed(frame: NDArray[np.float32]) -> Floats:
@@ -100,6 +101,10 @@ class StillProblem:
         self.names = list(self.statistics(self.recorded))
 
     @property
+    def name(self) -> str:
+        return f"{self.of.name}: still windows"
+
+    @property
     def exposure_us(self) -> float:
         return float(np.median(self.of.end_us - self.of.begin_us))
 
@@ -109,8 +114,8 @@ class StillProblem:
         number[some] = np.arange(len(some))
         parts = []
         for i, k in enumerate(self.windows):
-            a, b = np.searchsorted(e["t"], (of.begin_us[k], of.begin_us[k] + of.period_us))
-            mine = e[a:b]
+            begin_us = of.begin_us[k] + BURST_US[0]
+            mine = e[slice(*np.searchsorted(e["t"], (begin_us, begin_us + of.period_us)))]
             pixel = number[mine["y"].astype(np.int64) * of.shape[1] + mine["x"]]
             t_us = mine["t"].astype(float)
             full = np.full(len(mine), i)
@@ -198,16 +203,16 @@ class StillProblem:
                 sensor.take_frames()
             events = np.concatenate([*found, sensor.finish()])
         since_us = events["t"] - period_us
-        events, since_us = events[since_us >= 0], since_us[since_us >= 0]
-        window = (since_us / period_us).astype(np.int64)
+        events, since_us = events[since_us >= BURST_US[0]], since_us[since_us >= BURST_US[0]]
+        window = ((since_us - BURST_US[0]) / period_us).astype(np.int64)
         pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
         t_us = self._recorded_us(since_us)
-        of = StillStatistics(window, since_us % period_us, t_us, pixel, events["p"] == 1)
+        of = StillStatistics(window, since_us - period_us * window, t_us, pixel, events["p"] == 1)
         return of.select(window < number)
 
     def _recorded_us(self, t_us: Floats) -> Floats:
         """Since the first still window of the recording; simulated windows follow each other, recorded ones may not."""
-        window = np.clip(t_us // self.of.period_us, 0, len(self.windows) - 1).astype(np.int64)
+        window = np.clip((t_us - BURST_US[0]) // self.of.period_us, 0, len(self.windows) - 1).astype(np.int64)
         begin_us = self.of.begin_us[self.windows]
         return t_us - window * self.of.period_us + begin_us[window] - begin_us[0]  # type: ignore[no-any-return]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -149,12 +150,15 @@ class Fitted:
             file = profile.pixel_map_path(path)
             self.pixel_map.write(file, f"measured by pecs fit from {files}")
             out["pixel_map"] = file.name
-        for key, of in self.values.items():
-            entry = out["values"].get(key)
-            if entry is not None and of.fitted:
+        base = profile.read(out["based_on"]) if "based_on" in out else {}
+        fitted = ((key, of) for key, of in self.values.items() if of.fitted)
+        for part, (key, of) in product(("values", "frames"), list(fitted)):
+            entry = {**base.get(part, {}).get(key, {}), **out.get(part, {}).get(key, {})}
+            if entry:
                 value, *interval = np.clip([of.value, *of.interval], *entry["range"])
                 entry["value"], entry["interval"] = float(f"{value:.4g}"), [float(f"{v:.4g}") for v in interval]
                 entry["source"] = f"fitted by pecs fit to {files}: 95 % interval"
+                out.setdefault(part, {})[key] = entry
         write_json(path, out)
 
     def summary(self) -> dict[str, Any]:
