@@ -18,12 +18,13 @@ from .._errors import PecsInputError
 from .davis_recording import DavisEvents
 
 BLOCK_PX = 12  # side of the blocks of pixels of the bootstrap
-MOST_PIXELS = 8000  # of the moving frames; of the search for exposures
+MOST_PIXELS = 6000  # of the moving frames; of the search for exposures
 SEARCH_PIXELS = 1500
-SAMPLES = 15  # of an exposure
+SAMPLES = 11  # of an exposure
 LONG_GAP_US = 5e4  # between events of a pixel: nothing is said of the light within
 BRIGHT, DIM = 0.98, 10 / 255  # of the values of frames: not saturated, and above the value without light
-BLACKS = np.arange(0, 60, 2) / 255  # values without light that are tried
+BLACKS = np.arange(0, 64, 4) / 255  # values without light that are tried
+BLACK_STEP, LEAST_BLACK_SD = 2 / 255, 1.5 / 255  # for derivatives; of the value without light
 DARKEST = 0.02  # share of values that may be below them
 BRIGHTER = 0.4  # share of pixels that are too dim for thresholds: they are slow, and depend on the value without light
 CLEAR = 0.3  # ln: a clear change
@@ -35,8 +36,8 @@ CLEAR_CORRELATION = 0.85  # for the spread over pixels
 FULL_CORRELATION, ATTENUATED = 0.9, 1.5  # below it, thresholds are too small: systematic deviation per missing one
 BURST_US = 500.0  # bins of the frame clock
 ROUNDS = 200  # of the bootstrap
-SEEN, SEEN_SD = 1.27, 0.05  # mismatch / its estimate, in five simulated recordings: .76 to .82 of it is seen
-SYSTEMATIC = 0.03  # of a threshold: see docs/howto/fit_camera.md#a-davis-with-frames
+SEEN, SEEN_SD = 1.17, 0.08  # mismatch / its estimate, in ten simulated recordings
+SYSTEMATIC = 0.04  # of a threshold: see docs/howto/fit_camera.md#a-davis-with-frames
 
 Floats = NDArray[np.float64]
 
@@ -265,7 +266,9 @@ def measure_moving(of: DavisEvents, refractory_us: float) -> Moving:
     by_step = {step: c for step, c in by_step.items() if len(c.pairs) >= min(LEAST_PAIRS, len(coarse.pairs))}
     coarse = max(by_step.values(), key=lambda c: c.correlation(15 / 255, 4))
     found = replace(found, pairs=coarse.pairs, step=coarse.step)
-    black = _black(coarse)
+    quarters = [replace(found, counts=found.counts[..., i::4], frames=found.frames[:, i::4]) for i in range(4)]
+    of_quarters = [_black(quarter) for quarter in quarters]
+    black = float(np.mean(of_quarters))
     least = float(np.quantile(found.brightness, BRIGHTER))
     thresholds, change, measured, known, weight = found.solve(black, least=least)
     correlation = float(np.corrcoef(change[known], measured[known])[0, 1]) if known.sum() > 100 else 0.0
@@ -275,7 +278,9 @@ def measure_moving(of: DavisEvents, refractory_us: float) -> Moving:
             f"{of.name}: got {why}, wanted at least {LEAST_CORRELATION:g} (moving texture, sharp frames, their times)"
         )
     _, slopes = found.linear(thresholds)
-    sd = _bootstrap(found.block, slopes, measured - change, weight)
+    lower = found.solve(max(black - BLACK_STEP, 0.0), least=least)[0]
+    by_black = np.abs(thresholds - lower) / BLACK_STEP * max(float(np.std(of_quarters)) / 2, LEAST_BLACK_SD)
+    sd = np.hypot(_bootstrap(found.block, slopes, measured - change, weight), by_black)
     edges = np.quantile(change[known], np.linspace(0.01, 0.99, 21))
     bins = np.clip(np.searchsorted(edges, change[known]) - 1, 0, 19)
     size = np.maximum(np.bincount(bins, minlength=20), 1)
@@ -292,14 +297,13 @@ def _black(of: Changes) -> float:
     """The frames' value without light: where dim and bright pixels have the same thresholds."""
     darkest = float(np.quantile(of.frames, DARKEST))
     blacks = BLACKS[BLACKS <= max(darkest, BLACKS[1])]
-    uneven = np.array([of.uneven(float(black)) for black in blacks])
-    above = np.flatnonzero(uneven > 0)
-    if not len(above) or not np.isfinite(uneven[above[0]]):
-        return float(blacks[-1])
-    k = int(above[0])
-    if k == 0:
-        return 0.0
-    return float(np.interp(0.0, uneven[k - 1 : k + 1], blacks[k - 1 : k + 1]))
+    below = np.nan
+    for k, black in enumerate(blacks):
+        uneven = of.uneven(float(black))
+        if uneven > 0:
+            return float(np.interp(0.0, [below, uneven], blacks[k - 1 : k + 1])) if k and below < 0 else float(black)
+        below = uneven
+    return float(blacks[-1])
 
 
 def _bootstrap(block: NDArray[np.int64], slopes: Floats, misses: Floats, weight: Floats) -> Floats:

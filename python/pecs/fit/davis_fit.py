@@ -11,7 +11,7 @@ import numpy as np
 
 from .._errors import PecsInputError, UsageError, optional_module
 from ..chip import Chip
-from . import hot, statistics
+from . import hot
 from .davis import Moving, find_exposures, measure_moving, refractory_us
 from .davis_recording import Davis, DavisEvents, load_davis
 from .davis_still import MODEL_SD, StillProblem, StillStatistics, still_windows
@@ -21,9 +21,8 @@ from .search import FLICKER, FREE, LIGHT, PHASE, Floats, Search, back, forward
 
 PIXELS_PER_SIMULATED = 4  # of --pixels: still pixels are cheap
 LIGHT_SD, SPREAD_SD = 1.0, 0.5  # of logarithms, about the start: hardly constrained
-PIXEL_A = 5e-13  # photocurrent of white where a search begins
+WHITE_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.5  # of a logarithm; a value known less well is kept
-LEAST_RATE_HZ = 0.05  # of background, below which it does not show among noise
 COARSE_SD, WIDER = 0.3, 1.4  # far from the best values; of all intervals, as estimate.WIDER
 
 Values = dict[str, Value]
@@ -170,7 +169,7 @@ class _Still:
     KEYS = ("noise_std", "background_on_hz", "background_off_hz", "frame_step", "frame_step_spread")
 
     def __init__(self, problem: StillProblem, base: dict[str, float], moving: Moving, keep: Sequence[str]):
-        start = {key: base[key] or FREE[key][3] for key in self.KEYS} | {LIGHT: PIXEL_A}
+        start = {key: base[key] or FREE[key][3] for key in self.KEYS} | {LIGHT: WHITE_A}
         start["noise_std"] *= moving.threshold_on[0] / base["contrast_threshold_on"]
         if "threshold_mismatch" not in problem.fixed:
             start["threshold_mismatch"] = base["threshold_mismatch"] or FREE["threshold_mismatch"][3]
@@ -224,6 +223,8 @@ class _Still:
             wide = float(np.hypot(sd[i], threshold_sd)) if key in ("noise_std", "frame_step") else float(sd[i])
             limits = self.search.limits([key])
             ends = [back(key, float(np.clip(x[i] + s * NORMAL_95 * wide, *limits)[0])) for s in (-1, 1)]
+            if key.startswith("background"):  # leak, and what pixels still do after motion, are part of it
+                ends.append(0.0)
             value = Value(best[key], (min(ends), max(ends)), self.base.get(key, 0.0))
             if FREE[key][0] == "logarithm" and wide > MAX_SD:
                 value = kept(self.base.get(key, best[key]), f"still windows hardly show it ({best[key]:.3g})")

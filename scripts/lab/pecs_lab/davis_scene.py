@@ -1,5 +1,5 @@
 """Recordings of a DAVIS whose values are known: texture in motion and then still, with frames and events, as a folder
-that `pecs fit --davis` reads."""
+that `pecs fit --davis` reads. Used by scripts/studies/fit_hidden.py and tests/python/fit/test_davis.py."""
 
 from pathlib import Path
 
