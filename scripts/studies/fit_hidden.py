@@ -47,6 +47,7 @@ LIGHT_RATIO = 1.5  # over the disk
 # Frames: exposure and what follows it [s], width and height; chip, and value of white before saturation (10 bits).
 EXPOSURE_S, REST_S, WIDTHS, HEIGHTS = (0.005, 0.08), (0.02, 0.06), (100, 200), (80, 150)
 FRAME_CHIP, WHITE_DN = "davis240c", 700
+KEPT = ("amplifier_cutoff_hz", "corner_hz_per_a", "refractory_period_s", "leak_rate_hz")
 FRAME_RATIOS, FRAME_RANGES = {"frame_step": (0.3, 0.8)}, {"frame_step_spread": (0.3, 0.6)}
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
@@ -164,13 +165,18 @@ def record_disk(folder: Path, values: dict, light_a: float, seed: int, suffix: s
 
 
 def record_davis(folder: Path, values: dict, light_a: float, seed: int, suffix: str) -> list[Davis]:
-    """Adds the values of frames, which are drawn here, to `values`."""
+    """Adds the values of frames, which are drawn here, to `values`, and takes off those that such a recording does not
+    show: they are the chip's, and the fit keeps them."""
     del suffix
+    light_a *= values["corner_hz_per_a"] / pecs.Chip(FRAME_CHIP).corner_hz_per_a
+    for key in KEPT:
+        del values[key]
     rng = np.random.default_rng([seed, 2])
     values |= {key: values["contrast_threshold_on"] * between(rng, pair) for key, pair in FRAME_RATIOS.items()}
     values |= {key: between(rng, pair) for key, pair in FRAME_RANGES.items()}
     exposure_s = between(rng, EXPOSURE_S)
     frames = {"frame_exposure_s": exposure_s, "frame_period_s": exposure_s + between(rng, REST_S)}
+    frames["frame_dead_s"] = 0.001
     frames["frame_gain_e"] = float(np.clip(light_a / ELECTRON_C * exposure_s / WHITE_DN, 0.2, 1000))
     size = int(rng.integers(*WIDTHS)), int(rng.integers(*HEIGHTS))
     davis_scene.record(folder / "davis", seed, values | frames, chip=FRAME_CHIP, white_a=light_a, size=size)
@@ -188,7 +194,9 @@ def one(seed: int, make: Callable, pixels: int) -> dict:
             found = fit_davis(recordings[0], FRAME_CHIP, pixels=pixels) if davis else fit(recordings, pixels=pixels)
         except pecs.PecsError as e:
             return {"seed": seed, "refused": str(e).replace(folder + "/", "")}
-    truth = values | {"corner at level 1": light_a * values["corner_hz_per_a"]}
+    truth = dict(values)
+    if "corner_hz_per_a" in values:
+        truth["corner at level 1"] = light_a * values["corner_hz_per_a"]
     estimated = found.values | {"corner at level 1": found.corner_hz}
     rows = {}
     for key, true in truth.items():

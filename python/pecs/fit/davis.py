@@ -33,7 +33,7 @@ LOSS = 0.3  # ln, beyond which a pixel counts less
 MOST_STEP = 1.6  # period / median period of frames: no frame is missing between them
 LEAST_CORRELATION = 0.5
 CLEAR_CORRELATION = 0.85  # for the spread over pixels
-FULL_CORRELATION, ATTENUATED = 0.9, 1.5  # below it, thresholds are too small: systematic deviation per missing one
+FULL_CORRELATION = 0.9  # below it, thresholds are too small
 BURST_US = 500.0  # bins of the frame clock
 ROUNDS = 200  # of the bootstrap
 SEEN, SEEN_SD = 1.17, 0.08  # mismatch / its estimate, in ten simulated recordings
@@ -54,6 +54,12 @@ class Moving:
     correlation: float
     pairs: int
     mean_changes: tuple[Floats, Floats]
+
+    @property
+    def most(self) -> float:
+        """Thresholds may be larger by this factor: errors in the changes of events make slopes too small, at most by
+        the square of the correlation (regression of events on frames)."""
+        return 1.0 if self.correlation > FULL_CORRELATION else self.correlation**-2
 
 
 def some_pixels(shape: tuple[int, int], most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -192,11 +198,12 @@ def changes(of: DavisEvents, counts: Counts, pixels: NDArray[np.int64], block: N
     return Changes(number.transpose(2, 0, 1, 3), frames, consecutive(of), block)
 
 
-def consecutive(of: DavisEvents, step: int = 1) -> NDArray[np.int64]:
-    """Frames k with events until frame k + step, and no frame missing between them."""
+def consecutive(of: DavisEvents, step: int = 1, exposed: bool = True) -> NDArray[np.int64]:
+    """Frames k with events until frame k + step, its exposure included or not, and no frame missing between them."""
     complete = np.diff(of.begin_us) < MOST_STEP * of.period_us
     first, last = float(of.events["t"][0]), float(of.events["t"][-1])
-    inside = (of.begin_us >= first - 0.1 * of.period_us) & (of.end_us <= last + 0.1 * of.period_us)
+    end_us = of.end_us if exposed else of.begin_us
+    inside = (of.begin_us >= first - 0.1 * of.period_us) & (end_us <= last + 0.1 * of.period_us)
     runs = np.lib.stride_tricks.sliding_window_view(complete, step).all(axis=1) if len(complete) >= step else complete[:0]
     return np.flatnonzero(runs & inside[:-step] & inside[step:])
 
@@ -288,8 +295,7 @@ def measure_moving(of: DavisEvents, refractory_us: float) -> Moving:
     spread = _mismatch(slopes * thresholds[:, None, None], measured, weight, found.block, correlation)
     # Pixels with low thresholds have more events, and count more: E(1/t) / E(1/t^2) is t (1 - 2 spread^2).
     mean = thresholds * (1 + 2 * (spread[0] ** 2 if spread else 0.0))
-    systematic = SYSTEMATIC + ATTENUATED * max(0.0, FULL_CORRELATION - correlation)
-    on, off = ((float(t), float(np.hypot(s, systematic * t))) for t, s in zip(mean, sd, strict=True))
+    on, off = ((float(t), float(np.hypot(s, SYSTEMATIC * t))) for t, s in zip(mean, sd, strict=True))
     return Moving(on, off, spread, black, correlation, len(found.pairs), tuple(means))  # type: ignore[arg-type]
 
 

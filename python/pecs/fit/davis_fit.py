@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._errors import PecsInputError, UsageError, optional_module
 from ..chip import Chip
 from . import hot
 from .davis import Moving, find_exposures, measure_moving, refractory_us
 from .davis_recording import Davis, DavisEvents, load_davis
-from .davis_still import MODEL_SD, StillProblem, StillStatistics, still_windows
+from .davis_still import MODEL_SD, MOST_WINDOWS, StillProblem, StillStatistics, still_windows
 from .estimate import NORMAL_95, Compared, Fitted, Value, kept
 from .recordings import StillEvents
 from .search import FLICKER, FREE, LIGHT, PHASE, Floats, Search, back, forward
@@ -23,6 +24,7 @@ PIXELS_PER_SIMULATED = 4  # of --pixels: still pixels are cheap
 LIGHT_SD, SPREAD_SD = 1.0, 0.5  # of logarithms, about the start: hardly constrained
 WHITE_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.5  # of a logarithm; a value known less well is kept
+LEAST_HOT = 4  # events of a hot pixel
 COARSE_SD, WIDER = 0.3, 1.4  # far from the best values; of all intervals, as estimate.WIDER
 
 Values = dict[str, Value]
@@ -85,10 +87,10 @@ def fit_davis(
     correlations: dict[str, dict[str, float]] = {}
     light = kept(0.0, "no still window")
     if len(windows):
-        hot_values, without = _of_hot_pixels(found, windows, base)
+        hot_values = _of_hot_pixels(found, windows, base)
         fixed = {key: v.value for key, v in values.items() if v.fitted and key not in keep}
         fixed |= {"hot_pixel_fraction": 0.0}
-        problem = StillProblem(found, windows, moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress)
+        problem = StillProblem(found, windows[-MOST_WINDOWS:], moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress)
         still = _Still(problem, base, moving, keep)
         values |= still.values | hot_values
         light, data, simulated = still.light, [problem], [still.simulated]
@@ -96,7 +98,7 @@ def fit_davis(
     else:
         why = "no still window: between no two frames does the picture stay"
         values |= {key: kept(base[key], why) for key in (*_Still.KEYS, "hot_pixel_fraction", "hot_pixel_hz")}
-    others = "frames and still windows do not show it"
+    others = "frames and still windows do not show it; the thresholds and the noise hold for it"
     values |= {key: kept(base[key], others) for key in ("corner_hz_per_a", "amplifier_cutoff_hz", "leak_rate_hz")}
     values |= {"refractory_period_s": kept(base["refractory_period_s"], others)}
     values |= {key: kept(base[key], "as given (--keep)") for key in keep}
@@ -137,11 +139,12 @@ def _of_motion(moving: Moving, base: dict[str, float]) -> Values:
             out[key] = kept(base[key], "too few frames with motion")
             continue
         value, sd = of
-        out[key] = Value(value, (max(value - NORMAL_95 * sd, 0.0), value + NORMAL_95 * sd), base[key])
+        most = 1.0 if key == "threshold_mismatch" else moving.most
+        out[key] = Value(value, (max(value - NORMAL_95 * sd, 0.0), most * (value + NORMAL_95 * sd)), base[key])
     return out
 
 
-def _of_hot_pixels(of: DavisEvents, windows: np.ndarray, base: dict[str, float]) -> tuple[Values, np.ndarray]:
+def _of_hot_pixels(of: DavisEvents, windows: NDArray[np.int64], base: dict[str, float]) -> Values:
     """Counted in still windows."""
     e, counts = of.events, np.zeros((2, of.shape[0] * of.shape[1]), np.int64)
     for k in windows:
@@ -154,13 +157,13 @@ def _of_hot_pixels(of: DavisEvents, windows: np.ndarray, base: dict[str, float])
     assert found
     is_hot, still = found
     # A hot pixel fires ON at random; one with as many OFF events is noisy.
-    is_hot = is_hot & (counts[1] < 0.5 * counts[0]) & (counts[0] > 10)
+    is_hot = is_hot & (counts[1] < 0.5 * counts[0]) & (counts[0] > LEAST_HOT)
     out = {"hot_pixel_fraction": Value(*hot.share(is_hot), base["hot_pixel_fraction"])}
     if is_hot.any():
         out["hot_pixel_hz"] = Value(*hot.rate_hz(is_hot, still), base["hot_pixel_hz"])
     else:
         out["hot_pixel_hz"] = kept(base["hot_pixel_hz"], "no hot pixel was found")
-    return out, is_hot
+    return out
 
 
 class _Still:

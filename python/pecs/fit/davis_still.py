@@ -37,14 +37,14 @@ Floats = NDArray[np.float64]
 def still_windows(of: DavisEvents) -> NDArray[np.int64]:
     """Some frames k that are followed by a frame of the same picture: at edges, changes are small against the slope."""
     smooth = [_boxed(f) for f in of.frames]
-    out = []
-    for k in consecutive(of):
+    out, followed = [], consecutive(of, exposed=False)
+    for k in followed:
         slope = np.hypot(*np.gradient(smooth[k]))
         edges = slope > np.quantile(slope, 0.95)
         if np.abs(smooth[k + 1] - smooth[k])[edges].sum() < STILL_PX * slope[edges].sum():
             out.append(k)
-    complete = [k for k in out if k - 1 in consecutive(of)] or out  # the begin of their first exposure is recorded
-    return np.array(complete[len(complete) // 3 :][-MOST_WINDOWS:], np.int64)  # pixels settle for a while after motion
+    complete = [k for k in out if k - 1 in followed] or out  # the begin of their first exposure is recorded
+    return np.array(complete[len(complete) // 3 :], np.int64)  # pixels settle for a while after motion
 
 
 def _boxed(frame: NDArray[np.float32]) -> Floats:
