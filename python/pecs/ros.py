@@ -49,6 +49,7 @@ from ._files import whole, whole_folder
 from .events import EVENT_DTYPE, Events, EventWriter, as_events, read
 
 ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
+IMAGE = "sensor_msgs/msg/Image"
 PACKETS = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
 MESSAGES = {"dvs_msgs": (ARRAYS[0], "/dvs/events"), "event_camera_msgs": (PACKETS[0], "/event_camera/events")}
 STORAGES = ("ros1", "mcap", "sqlite3")
@@ -385,6 +386,30 @@ def read_bag(path: str | PathLike[str], topic: str | None = None, *, late: str |
             return read(file, late=late)
         except PecsInputError as e:
             raise PecsInputError(str(e).replace(str(file), str(path)), e.code) from None
+
+
+def read_images(path: Path) -> tuple[list[NDArray[Any]], NDArray[np.float64]]:
+    """Grey pictures of the only topic that has them, [H, W] of 8 or 16 bits, and the stamps of their headers [us].
+    Raises PecsInputError."""
+    with _open(path) as (reader, store, ros1):
+        topics = sorted({c.topic for c in reader.connections if c.msgtype == IMAGE})
+        if len(topics) != 1:
+            raise bad_input(path, "topics", f"pictures on {' and '.join(topics) or 'none'}", "one topic of pictures")
+        connections = [c for c in reader.connections if c.topic == topics[0]]
+        deserialize = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+        pictures, times_us = [], []
+        for message in _messages(path, reader, connections, lambda raw: deserialize(raw, IMAGE)):
+            bits = {"mono8": 8, "8UC1": 8, "mono16": 16, "16UC1": 16}.get(message.encoding)
+            if bits is None:
+                raise bad_input(path, f"topic {topics[0]}: encoding", message.encoding, "mono8 or mono16")
+            order = ">" if message.is_bigendian else "<"
+            values = np.frombuffer(bytes(message.data), f"{order}u{bits // 8}")
+            if message.step * message.height != len(message.data) or message.step * 8 < message.width * bits:
+                raise bad_input(path, f"topic {topics[0]}", f"{len(message.data)} bytes", "as many as rows of step")
+            rows = values.reshape(message.height, -1)[:, : message.width]
+            pictures.append(rows.astype(rows.dtype.newbyteorder("=")))
+            times_us.append(1e6 * message.header.stamp.sec + message.header.stamp.nanosec / 1000)
+        return pictures, np.array(times_us)
 
 
 def unpack(bag: Path, folder: Path, topic: str | None = None) -> Path:

@@ -15,10 +15,10 @@ import pecs
 from pecs.stack import StackWriter
 from PIL import Image
 
-CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, 99300.0
+CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, -621.0
 IRRADIANCE, BLACK_DN, WHITE_DN, DARKEST = 3.7e-4, 23, 240, 0.02  # of white; 5.5e-13 A
 LAMP_HZ, LAMP_DEPTH, LAMP_PHASE = 100.4, 0.065, 1.6
-LEAD_US = 2 * PERIOD_US - BEGIN_US  # the first exposure begins at 0, one period before the recording
+LEAD_US = PERIOD_US - BEGIN_US  # the first exposure begins at 0, one period before the recording
 
 
 def light(folder):
@@ -79,7 +79,7 @@ def draw(recorded, simulated, path):
             axis.step(edges[:-1] / 1000, np.histogram(t, edges)[0] * 2, color=colour, label=label, lw=0.9)
         axis.set(title=f"{name}, window {32 + k}", yscale="symlog", ylabel="events/ms")
     axes[0].legend(loc="upper left")
-    axes[-1].set_xlabel("ms after the window's begin; the exposure begins at 99.3 and ends at 137.3 ms")
+    axes[-1].set_xlabel("ms after the window's begin; exposures end at 99.5 ms, the next begins at 137.5 ms")
     figure.savefig(path, dpi=70)
 
 

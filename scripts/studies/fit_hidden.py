@@ -2,11 +2,12 @@
 """How well `pecs fit` finds chips that it does not know: drawn chips, recorded by the sensor with all noise, and fitted
 from the stock profile.
 
-    scripts/studies/fit_hidden.py [lamp|screen|disk] [--chips 20] [--first-seed 100] [--output fit_hidden.json]
+    scripts/studies/fit_hidden.py [lamp|screen|disk|davis] [--chips 20] [--first-seed 100] [--output fit_hidden.json]
 
 Each chip is drawn in the ranges of published parts (RANGES), and stands before a lamp that switches through four
 levels, and before still light; before a screen that plays the page of `pecs stimulus`, with the cap on at the end; or
-before a turning disk (4 to 12 sectors, either direction). The photocurrent of level 1 is drawn, too, and not known to
+before a turning disk (4 to 12 sectors, either direction); or takes frames of a texture that moves and then stays
+(folder of PNG and exposures). The photocurrent of level 1 is drawn, too, and not known to
 the fit. Events are written as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has
 the truth, and the median of the relative error. One to two minutes a chip on two cores.
 """
@@ -20,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 import pecs
+from pecs.fit import Davis, Steps, Still, Stimulus, fit, fit_davis, stimulus
 from pecs.fit import Disk as Recording
-from pecs.fit import Steps, Still, Stimulus, fit, stimulus
-from pecs_lab import computed_disk
+from pecs_lab import computed_disk, davis_scene
 from pecs_lab.disk import Disk
 from pecs_lab.measure import command
 from pecs_lab.report import table
@@ -33,6 +34,7 @@ SIDE = 48
 LEVELS, LENGTH_US, CYCLES = (1.0, 0.1, 1.0, 0.02), 5e4, 8
 STILLS = {1.0: 3.0, 0.05: 3.0, 0.0: 40.0}  # level -> s
 STEP_US = 1000.0  # between frames
+ELECTRON_C = 1.602176634e-19
 WARM_S = 600  # the camera has been on
 # A screen: refresh, time constant of its pixels, groups of rows that are written one after the other.
 REFRESH_HZ, RESPONSE_S, ROWS = 59.94, 0.004, 16
@@ -42,6 +44,11 @@ SIZE, RADIUS_PX, DISK_US = {"width": 160, "height": 128}, 50.0, {"duration_us": 
 PERIOD_US, CONTRAST = (4e4, 1.2e5), (8.0, 20.0)
 SLOWNESS = 1.0, 1.8  # the corner in white, times the period / ON threshold: about 1.5 in R_360_L
 LIGHT_RATIO = 1.5  # over the disk
+# Frames: exposure and what follows it [s], width and height; chip, and value of white before saturation (10 bits).
+EXPOSURE_S, REST_S, WIDTHS, HEIGHTS = (0.005, 0.08), (0.02, 0.06), (100, 200), (80, 150)
+FRAME_CHIP, WHITE_DN = "davis240c", 700
+KEPT = ("amplifier_cutoff_hz", "corner_hz_per_a", "refractory_period_s", "leak_rate_hz")
+FRAME_RATIOS, FRAME_RANGES = {"frame_step": (0.3, 0.8)}, {"frame_step_spread": (0.3, 0.6)}
 # Low and high, drawn evenly in the logarithm.
 RANGES = {
     "contrast_threshold_on": (0.12, 0.4),
@@ -157,6 +164,25 @@ def record_disk(folder: Path, values: dict, light_a: float, seed: int, suffix: s
     return [Recording(path, contrast)]
 
 
+def record_davis(folder: Path, values: dict, light_a: float, seed: int, suffix: str) -> list[Davis]:
+    """Adds the values of frames, which are drawn here, to `values`, and takes off those that such a recording does not
+    show: they are the chip's, and the fit keeps them."""
+    del suffix
+    light_a *= values["corner_hz_per_a"] / pecs.Chip(FRAME_CHIP).corner_hz_per_a
+    for key in KEPT:
+        del values[key]
+    rng = np.random.default_rng([seed, 2])
+    values |= {key: values["contrast_threshold_on"] * between(rng, pair) for key, pair in FRAME_RATIOS.items()}
+    values |= {key: between(rng, pair) for key, pair in FRAME_RANGES.items()}
+    exposure_s = between(rng, EXPOSURE_S)
+    frames = {"frame_exposure_s": exposure_s, "frame_period_s": exposure_s + between(rng, REST_S)}
+    frames["frame_dead_s"] = 0.001
+    frames["frame_gain_e"] = float(np.clip(light_a / ELECTRON_C * exposure_s / WHITE_DN, 0.2, 1000))
+    size = int(rng.integers(*WIDTHS)), int(rng.integers(*HEIGHTS))
+    davis_scene.record(folder / "davis", seed, values | frames, chip=FRAME_CHIP, white_a=light_a, size=size)
+    return [Davis(folder / "davis")]
+
+
 def one(seed: int, make: Callable, pixels: int) -> dict:
     values, light_a = draw(seed)
     begin = time.monotonic()
@@ -164,10 +190,13 @@ def one(seed: int, make: Callable, pixels: int) -> dict:
         recordings = make(Path(folder), values, light_a, seed, "aedat4" if seed % 2 else "raw")
         recorded = time.monotonic()
         try:
-            found = fit(recordings, pixels=pixels)
+            davis = isinstance(recordings[0], Davis)
+            found = fit_davis(recordings[0], FRAME_CHIP, pixels=pixels) if davis else fit(recordings, pixels=pixels)
         except pecs.PecsError as e:
             return {"seed": seed, "refused": str(e).replace(folder + "/", "")}
-    truth = values | {"corner at level 1": light_a * values["corner_hz_per_a"]}
+    truth = dict(values)
+    if "corner_hz_per_a" in values:
+        truth["corner at level 1"] = light_a * values["corner_hz_per_a"]
     estimated = found.values | {"corner at level 1": found.corner_hz}
     rows = {}
     for key, true in truth.items():
@@ -196,7 +225,7 @@ def summary(chips: list[dict]) -> list[list[object]]:
 def main(
     before: str = "lamp", *, chips: int = 20, first_seed: int = 100, pixels: int = 1024, output: Path = OUTPUT
 ) -> None:
-    make = {"lamp": record, "screen": record_screen, "disk": record_disk}[before]
+    make = {"lamp": record, "screen": record_screen, "disk": record_disk, "davis": record_davis}[before]
     found: list[dict] = []
     for seed in range(first_seed, first_seed + chips):
         found.append(one(seed, make, pixels))

@@ -165,8 +165,8 @@ TEST(Causes, EachAloneIsNamed) {
   EXPECT_EQ(part(labelled(shot, 100, 0, 0.2), Cause::noise), 1);
 }
 
-// An exposure's charge steps V of every pixel down at its begin and up at its end, and V relaxes to the light between.
-TEST(Causes, ExposuresFireDownAndUpAtTheFrameClock) {
+// An exposure's charge steps V of every pixel up at its begin and down at its end, and V relaxes to the light between.
+TEST(Causes, ExposuresFireUpAndDownAtTheFrameClock) {
   Chip chip = without_noise(load_chip("davis346"));
   chip.frame_row_s = 1e-5;
   chip.refractory_period_s = 0.005;  // the amplifier has settled
@@ -184,7 +184,7 @@ TEST(Causes, ExposuresFireDownAndUpAtTheFrameClock) {
     const double begin_us = std::fmod(static_cast<double>(e.t_us), 1e6 * chip.frame_period_s) - 10 * e.y;
     // The amplifier passes two thirds of the step within ln(3) of its time constant.
     const double passed_us = 1e6 * std::log(3) / (2 * std::numbers::pi * chip.amplifier_cutoff_hz);
-    EXPECT_NEAR(begin_us, passed_us + (e.p ? 1e6 * chip.frame_exposure_s : 0), 0.05 * passed_us);
+    EXPECT_NEAR(begin_us, passed_us + (e.p ? 0 : 1e6 * chip.frame_exposure_s), 0.05 * passed_us);
   }
   EXPECT_EQ(fired(1.5, 1e7).events.size(), 0);  // a photoreceptor that is faster than the amplifier undoes the step
 }

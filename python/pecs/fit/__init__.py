@@ -13,15 +13,20 @@ from typing import TYPE_CHECKING
 from .._lazy import attributes
 
 if TYPE_CHECKING:
+    from .davis_fit import fit_davis
+    from .davis_recording import Davis
     from .estimate import Fitted, Value, fit
     from .pixel_map import PixelMap
     from .recordings import Disk, Flash, Screen, Steps, Still, Stimulus
     from .stimulus import stimulus_page
 
 __all__ = [
-    "Disk", "Fitted", "Flash", "PixelMap", "Screen", "Steps", "Still", "Stimulus", "Value", "fit", "stimulus_page",
+    "Davis", "Disk", "Fitted", "Flash", "PixelMap", "Screen", "Steps", "Still", "Stimulus", "Value", "fit", "fit_davis",
+    "stimulus_page",
 ]  # fmt: skip
 _MODULES = {
+    "davis_fit": "fit_davis",
+    "davis_recording": "Davis",
     "estimate": "Fitted Value fit",
     "pixel_map": "PixelMap",
     "recordings": "Disk Flash Screen Steps Still Stimulus",

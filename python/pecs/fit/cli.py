@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,21 +18,27 @@ from .._progress import Line
 from ..chip import Chip
 from .profile import pixel_map_path
 
+if TYPE_CHECKING:
+    from .estimate import Fitted
+
 ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
     "one of a light that switches through known levels again and again, relative to level 1; --disk is one of a "
-    "turning disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). The "
-    "camera does not move. What the recordings do not constrain is kept as in the starting profile."
+    "turning disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). For them "
+    "the camera does not move. --davis is any recording of a DAVIS with frames, in motion and, for noise, in stillness. What the recordings do not constrain is kept as in the starting profile."
 )
 EXAMPLES = (
     "pecs fit --stimulus screen.raw --still cap.raw=0 -o my_camera.json",
     "pecs fit --steps lamp.raw=1,0.1 --still cap.raw=0 -o my_camera.json --report fit.html",
     "pecs fit --steps lamp.raw=1,0.1,1,0.02 --still lit.raw=1 --still cap.raw=0 -o my_camera.json --chip gen3_vga",
     "pecs fit --disk disk.raw=12 -o my_camera.json",
+    "pecs fit --davis recording.aedat4 -o my_davis.json --report fit.html",
     "pecs fit --steps led.raw=0.398,0.006 --irradiance 1 --wavelength 680nm -o my_camera.json    # levels in W/m2",
 )
 MAX_BYTES = 1 << 26
 LARGE_MISFIT = 5.0
+CHIP, DAVIS_CHIP = "imx636", "davis346"
+OTHERS = ("steps", "still", "stimulus", "disk", "flash", "edges", "region", "photocurrent", "irradiance", "wavelength", "pixel_map")
 
 
 def _levels(text: str) -> tuple[Path, tuple[float, ...]]:
@@ -71,9 +78,12 @@ def _parser() -> Parser:
     parser.add_argument("--stimulus", type=Path, action="append", default=[], metavar="FILE", help=about)
     about = "a turning disk of black and white sectors, and white / black (default: 12); may be repeated"
     parser.add_argument("--disk", type=_disk, action="append", default=[], metavar="FILE[=CONTRAST]", help=about)
+    about = "AEDAT4, ROS bag or folder (events.*, images.txt or exposures.csv) with frames; alone"
+    parser.add_argument("--davis", type=Path, metavar="RECORDING", help=about)
     about = "a bright lamp that switches before the whole sensor: the readout"
     parser.add_argument("--flash", type=Path, metavar="FILE", help=about)
-    parser.add_argument("--chip", default="imx636", help="starting profile, a name or a file")
+    about = "starting profile, a name or a file (default: imx636; with --davis: davis346)"
+    parser.add_argument("--chip", help=about)
     about = "text file of the times of the switches in us, a line each, from one to the first level on (one --steps)"
     parser.add_argument("--edges", type=Path, metavar="FILE", help=about)
     parser.add_argument("--region", type=_region, metavar="X,Y,W,H", help="pixels used (default: 64x64 in the centre)")
@@ -109,7 +119,7 @@ def _photocurrent_a(args: argparse.Namespace) -> float | None:
     if not 1 <= args.wavelength <= 1e5:
         raise UsageError(f"fit: --wavelength: got {args.wavelength:g} nm, wanted 1 to 1e5 nm")
     band = [{"lambda_nm": args.wavelength, "weight_nm": 1.0}]
-    return Chip(args.chip).amperes_per_unit(band)[0] * args.irradiance  # type: ignore[no-any-return]
+    return Chip(args.chip or CHIP).amperes_per_unit(band)[0] * args.irradiance  # type: ignore[no-any-return]
 
 
 def _edges_us(path: Path) -> np.ndarray:
@@ -124,12 +134,31 @@ def _edges_us(path: Path) -> np.ndarray:
 
 
 def _fit(args: argparse.Namespace) -> None:
-    from . import report
+    line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
+    found = (_fit_davis if args.davis else _fit_recordings)(args, lambda n: line(f"fit: {n} simulations", n))
+    line.end()
+    _report(found, args, line)
+
+
+def _fit_davis(args: argparse.Namespace, progress: Callable[[int], object]) -> Fitted:
+    from .davis_fit import fit_davis
+    from .davis_recording import Davis
+
+    for name in OTHERS:
+        if getattr(args, name):
+            raise UsageError(f"fit: got --davis and --{name.replace('_', '-')}, wanted --davis alone")
+    chip = args.chip or DAVIS_CHIP
+    check_outputs([args.davis, Path(chip)], [args.output, args.report, args.numbers])
+    of = Davis(existing(args.davis, "a recording"))
+    return fit_davis(of, chip, keep=args.keep, pixels=args.pixels, seed=args.seed, progress=progress)
+
+
+def _fit_recordings(args: argparse.Namespace, progress: Callable[[int], object]) -> Fitted:
     from .estimate import fit
     from .recordings import Disk, Flash, Steps, Still, Stimulus
 
     if not args.steps and not args.still and not args.stimulus and not args.disk:
-        raise UsageError("fit: no recordings, wanted --stimulus, --steps, --disk or --still")
+        raise UsageError("fit: no recordings, wanted --stimulus, --steps, --disk, --still or --davis")
     if args.edges and len(args.steps) != 1:
         raise UsageError(f"fit: --edges: got {len(args.steps)} recordings of --steps, wanted one")
     for file, levels in args.still:
@@ -137,7 +166,8 @@ def _fit(args: argparse.Namespace) -> None:
             raise UsageError(f"fit: --still {file}: got {len(levels)} levels, wanted one")
     inputs = [*(file for file, *_ in (*args.steps, *args.still, *args.disk)), *args.stimulus, args.flash, args.edges]
     pixel_map = pixel_map_path(args.output) if args.pixel_map else None
-    check_outputs([*inputs, Path(args.chip)], [args.output, pixel_map, args.report, args.numbers])
+    chip = args.chip or CHIP
+    check_outputs([*inputs, Path(chip)], [args.output, pixel_map, args.report, args.numbers])
     edges = _edges_us(args.edges) if args.edges else None
     recordings: list[Steps | Still | Stimulus | Disk | Flash] = [
         Stimulus(existing(f, "a recording")) for f in args.stimulus
@@ -147,19 +177,22 @@ def _fit(args: argparse.Namespace) -> None:
     recordings += [Disk(existing(f, "a recording"), *contrast) for f, *contrast in args.disk]
     if args.flash:
         recordings.append(Flash(existing(args.flash, "a recording")))
-    line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
-    found = fit(
+    return fit(
         recordings,
-        args.chip,
+        chip,
         photocurrent_a=_photocurrent_a(args),
         keep=args.keep,
         region=args.region,
         pixels=args.pixels,
         seed=args.seed,
         pixel_map=args.pixel_map,
-        progress=lambda n: line(f"fit: {n} simulations", n),
+        progress=progress,
     )
-    line.end()
+
+
+def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
+    from . import report
+
     if found.misfit > LARGE_MISFIT:
         why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
         line.note(f"pecs: fit: {why} (levels, edges, region?)")
@@ -185,7 +218,9 @@ def _fit(args: argparse.Namespace) -> None:
         print(
             f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
         )
-    count = f"{len(recordings)} recording{'s' * (len(recordings) > 1)}"
+    for file, moving in found.moving.items():
+        print(f"{file}: {moving.pairs} pairs of frames, whose changes the events explain ({moving.correlation:.2f})")
+    count = f"{len(found.files)} recording{'s' * (len(found.files) > 1)}"
     print(f"{args.output}: fitted to {count}, misfit {found.misfit:.2f} (1: as the noise)")
 
 

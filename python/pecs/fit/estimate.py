@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from ..chip import Chip
 from . import hot as hot_pixels
 from . import pixel_map as pixel_maps
 from . import profile, readout, statistics
+from .davis import Moving
 from .disk import DiskEvents, DiskShape, disk_shape, load_disk
 from .model import COARSE, Model
 from .recordings import (
@@ -37,7 +39,7 @@ from .recordings import (
     load_still,
     load_stimulus,
 )  # fmt: skip
-from .search import FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
+from .search import DAVIS_KEYS, FREE, LIGHT, STILL_KEYS, Floats, Problem, Search, back, forward
 
 COARSE_SD = (0.2, 0.03)  # added to the deviation of every statistic, far from the best values
 LEAST_SD = 0.003  # the same in the end: what the simulation's steps in time may be wrong by
@@ -74,7 +76,7 @@ class Value:
     without: Mapping[str, float] | None = None
 
 
-def _kept(value: float, why: str) -> Value:
+def kept(value: float, why: str) -> Value:
     return Value(value, (value, value), value, False, why)
 
 
@@ -116,6 +118,8 @@ class Fitted:
         Recording of `Stimulus` -> what its flashes show of the screen.
     disks : dict
         Recording of `Disk` -> what it shows of the disk.
+    moving : dict
+        Recording of `Davis` -> what its moving frames show.
     pixel_map : PixelMap, optional
         Thresholds and hot pixels pixel by pixel, if `fit` was called with `pixel_map=True`.
     """
@@ -132,6 +136,7 @@ class Fitted:
     screens: dict[str, Screen]
     disks: dict[str, DiskShape]
     pixel_map: pixel_maps.PixelMap | None = None
+    moving: dict[str, Moving] = field(default_factory=dict)
 
     def write(self, path: str | Path) -> None:
         """Write the chip profile (.json), and a pixel map to NAME_pixels.json in the same folder."""
@@ -145,12 +150,15 @@ class Fitted:
             file = profile.pixel_map_path(path)
             self.pixel_map.write(file, f"measured by pecs fit from {files}")
             out["pixel_map"] = file.name
-        for key, of in self.values.items():
-            entry = out["values"].get(key)
-            if entry is not None and of.fitted:
+        base = profile.read(out["based_on"]) if "based_on" in out else {}
+        fitted = ((key, of) for key, of in self.values.items() if of.fitted)
+        for part, (key, of) in product(("values", "frames"), list(fitted)):
+            entry = {**base.get(part, {}).get(key, {}), **out.get(part, {}).get(key, {})}
+            if entry:
                 value, *interval = np.clip([of.value, *of.interval], *entry["range"])
                 entry["value"], entry["interval"] = float(f"{value:.4g}"), [float(f"{v:.4g}") for v in interval]
                 entry["source"] = f"fitted by pecs fit to {files}: 95 % interval"
+                out.setdefault(part, {})[key] = entry
         write_json(path, out)
 
     def summary(self) -> dict[str, Any]:
@@ -226,7 +234,7 @@ def fit(
     base = Chip(chip)
     if "pixel_map" in base.info:
         raise UsageError(f"fit: {chip}: got a profile with a pixel map, wanted one without: its pixels are others")
-    known = sorted(FREE.keys() - {LIGHT})
+    known = sorted(FREE.keys() - {LIGHT, *DAVIS_KEYS})
     for key in set(keep) - set(known):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(known)}")
     data: list[StepEvents | StillEvents | DiskEvents] = []
@@ -306,7 +314,7 @@ class Estimate:
         """Values where the search starts."""
         stills = [d for d in self.problem.data if isinstance(d, StillEvents)]
         out, fixed = {}, {LIGHT if self.problem.light_a else "corner_hz_per_a"}
-        fixed |= set() if stills else set(STILL_KEYS)
+        fixed |= set(DAVIS_KEYS) | (set() if stills else set(STILL_KEYS))
         fixed |= set() if self.has_steps or self.slow else {LIGHT, *OF_SPEED}
         for key, (_, low, high, instead) in FREE.items():
             if key not in fixed:
@@ -470,7 +478,7 @@ class Estimate:
         rows = zip(problem.names, problem.measured, simulated, deviation, strict=True)
         compared = [Compared(*name, float(real), float(sim), float(sd)) for name, real, sim, sd in rows]
         misfit = float(np.sqrt(np.mean(((simulated - problem.measured) / deviation) ** 2)))
-        values |= {key: _kept(problem.fixed[key], why) for key, why in self.weak.items()} | self._not_searched()
+        values |= {key: kept(problem.fixed[key], why) for key, why in self.weak.items()} | self._not_searched()
         data, sims = problem.data, problem.simulate(best)
         if not any(isinstance(d, StillEvents) for d in data):
             for of in data:
@@ -517,16 +525,16 @@ class Estimate:
             if self.hot[0].any():
                 out["hot_pixel_hz"] = Value(*hot_pixels.rate_hz(*self.hot), profile["hot_pixel_hz"])
             else:
-                out["hot_pixel_hz"] = _kept(profile["hot_pixel_hz"], "no hot pixel was found")
+                out["hot_pixel_hz"] = kept(profile["hot_pixel_hz"], "no hot pixel was found")
         else:
             for key in (*STILL_KEYS, "hot_pixel_fraction", "hot_pixel_hz"):
-                out[key] = _kept(profile[key], "no recording of still light")
+                out[key] = kept(profile[key], "no recording of still light")
         if not (self.has_steps or self.slow):
-            out |= {key: _kept(profile[key], "no recording of steps") for key in OF_SPEED}
-        out |= {key: _kept(profile[key], "as given (--keep)") for key in self.keep}
+            out |= {key: kept(profile[key], "no recording of steps") for key in OF_SPEED}
+        out |= {key: kept(profile[key], "as given (--keep)") for key in self.keep}
         if not self.problem.light_a and (self.has_steps or self.slow):
             why = "only its product with the light is known, not the light (--irradiance, --photocurrent)"
-            out["corner_hz_per_a"] = _kept(profile["corner_hz_per_a"], why)
-        out["peak_qe"] = _kept(profile["peak_qe"], "only its product with corner_hz_per_a acts on the events")
-        out["dark_current_a"] = _kept(profile["dark_current_a"], "not fitted")
+            out["corner_hz_per_a"] = kept(profile["corner_hz_per_a"], why)
+        out["peak_qe"] = kept(profile["peak_qe"], "only its product with corner_hz_per_a acts on the events")
+        out["dark_current_a"] = kept(profile["dark_current_a"], "not fitted")
         return out

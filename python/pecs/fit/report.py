@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from .._pages import Node, figure, image, plot, row, table, write_page
 from . import disk, statistics
+from .davis import Moving
+from .davis_still import StillProblem, StillStatistics
 from .disk import DiskEvents
 from .estimate import Fitted, Value
 from .pixel_map import PixelMap
@@ -34,19 +36,28 @@ def write(found: Fitted, path: Path) -> None:
         ],
         ["h2", "Values"],
         _values(found),
-        ["h2", "Recordings that constrain a value"],
-        ["p", "Factor by which the 95 % interval grows when a recording is left out."],
-        _constraints(found),
+    ]
+    if any(value.without for value in found.values.values()):
+        body += [
+            ["h2", "Recordings that constrain a value"],
+            ["p", "Factor by which the 95 % interval grows when a recording is left out."],
+            _constraints(found),
+        ]
+    body += [
         ["h2", "Correlations"],
         ["p", "Values with a correlation near 1 or -1 are known less well than their combination."],
         _correlations(found),
     ]
+    for file, moving in found.moving.items():
+        body += _moving(Path(file).name, moving)
     for data, simulated in zip(found.data, found.simulated, strict=True):
         body.append(["h2", data.name])
         if isinstance(data, StepEvents):
             body.append(row(_switches(data, simulated)))
         if isinstance(data, DiskEvents):
             body.append(row(_disk(data, simulated)))
+        if isinstance(data, StillProblem):
+            body += _still_windows(data, simulated)
         body.append(_statistics(found, data.name))
     if found.pixel_map:
         body += _pixels(found.pixel_map)
@@ -120,6 +131,37 @@ def _disk(data: DiskEvents, simulated: disk.DiskStatistics) -> list[Node]:
     both = zip(("ON", "OFF"), disk.per_edge(data), disk.predicted_per_edge(data, simulated), strict=True)
     labels = "rotation since the edge (deg)", "events per pixel and edge"
     return [_both(middles, lines, labels, edge) for edge, *lines in both]
+
+
+def _moving(name: str, of: Moving) -> list[Node]:
+    said = (
+        f"Change of ln light of {of.pairs} pairs of frames and of the events between them: correlation "
+        f"{of.correlation:.2f}. Value of frames without light: {255 * of.black:.1f} of 255."
+    )
+    events, frames = of.mean_changes
+    lines = [figure(plot(events, {"frames": frames, "equal": events}, ("events (ln)", "frames (ln)")), "changes")]
+    return [["h2", f"{name}: moving frames"], ["p", said], row(lines)]
+
+
+def _still_windows(data: StillProblem, simulated: StillStatistics) -> list[Node]:
+    """Frame clock and rank curve of the compared pixels, without hot ones."""
+    number, edges = len(data.windows), np.arange(0, data.of.period_us + 500, 500.0)
+    plots = []
+    for name, is_on in (("ON", True), ("OFF", False)):
+        both = (of.phase_us[of.on == is_on] % data.of.period_us for of in (data.recorded, simulated))
+        rates = [np.histogram(t_us, edges)[0] * 2 / number for t_us in both]
+        label = "ms since the begin of an exposure", "events per ms"
+        plots.append(_both(edges[:-1] / 1000, rates, label, f"{name} events"))
+    share = np.linspace(0.5, 0.999, 60)
+    ranks = []
+    for of in (data.recorded, simulated):
+        kept = ~data.hot[of.pixel]
+        counts = np.bincount(of.pixel[kept], minlength=len(data.light))[~data.hot]
+        ranks.append(np.quantile(counts, share) / (1e-6 * number * data.of.period_us))
+    plots.append(_both(100 * share, ranks, ("% of the pixels", "Hz"), "pixels by their rate"))
+    lamp = f" A lamp flickers at {data.lamp_hz:.1f} Hz." if data.lamp_hz else ""
+    said = f"{number} still windows, {len(data.light)} pixels; numbers of events are logarithms.{lamp}"
+    return [["p", said], row(plots)]
 
 
 def _pixels(found: PixelMap) -> list[Node]:

@@ -16,6 +16,7 @@ from .model import Model
 from .recordings import StepEvents, StillEvents
 
 LIGHT = "light_a"  # photocurrent of level 1
+FLICKER, PHASE = "flicker_depth", "flicker_phase"  # of a lamp: 1 + depth cos(2 pi f t - phase)
 # How a value becomes a coordinate of the search, in which the statistics are nearly linear, and back: rates add up, and
 # delays are proportional to refractory periods and to the inverse of a cut-off.
 COORDINATES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
@@ -23,6 +24,7 @@ COORDINATES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]
     "in 0.1 Hz": (lambda v: 10 * v, lambda x: 0.1 * x),
     "in 0.1 ms": (lambda v: 1e4 * v, lambda x: 1e-4 * x),
     "inverse in ms": (lambda v: 1e3 / v, lambda x: 1e3 / x),
+    "in 0.2": (lambda v: 5 * v, lambda x: 0.2 * x),
 }
 # Key -> coordinate, least, most, and the start of a value that the profile has at 0.
 FREE = {
@@ -37,7 +39,12 @@ FREE = {
     "leak_rate_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
     "background_on_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
     "background_off_hz": ("in 0.1 Hz", 0.0, 10.0, 0.0),
+    "frame_step": ("logarithm", 0.003, 2.0, 0.1),
+    "frame_step_spread": ("logarithm", 0.02, 2.0, 0.4),
+    FLICKER: ("in 0.2", 0.0, 1.0, 0.05),
+    PHASE: ("in 0.2", -20.0, 20.0, 0.0),
 }
+DAVIS_KEYS = ("frame_step", "frame_step_spread", FLICKER, PHASE)  # of recordings with frames alone
 STILL_KEYS = tuple(key for key, (kind, *_) in FREE.items() if kind == "in 0.1 Hz")
 PRIOR_SD = 2.0  # of a logarithm, about the starting profile
 HISTORY = 0.7  # of the rate of noise in still light, which depends for minutes on what the pixels saw before

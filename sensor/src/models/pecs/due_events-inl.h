@@ -89,7 +89,7 @@ class DueEvents {
     return holds(replaces);
   }
 
-  // Steps of the photoreceptor's V, down where an exposure begins and up where it ends; it then relaxes to the light.
+  // Steps of the photoreceptor's V, up where an exposure begins and down where it ends; it then relaxes to the light.
   HWY_INLINE void expose(const IntervalTimes& t, ActiveLanes& g, M exposed) {
     each(exposed, [&](std::size_t k) {
       for (const std::uint32_t p = g.pixels[k]; g.exposure[k] <= g.s[k]; g.exposure[k] = step_s(p, t)) {
@@ -132,7 +132,7 @@ class DueEvents {
     const ExposureStep& step = a_.exposures.steps[next_step_[p]];
     const Random4 r = random4(a_.noise_seed, rows_.first + p, step.frame, Purpose::exposure);
     const double size = a_.exposures.step * std::exp(a_.exposures.spread * sensor::gaussian(r[0]));
-    return static_cast<float>(std::min(size, kMostStep) * (step.ends ? 1 : -1));
+    return static_cast<float>(std::min(size, kMostStep) * (step.ends ? -1 : 1));
   }
 
   const KernelArguments& a_;

@@ -1,0 +1,156 @@
+"""`pecs fit --davis`: recordings of a camera with known values, in each form that is read."""
+
+import json
+import shutil
+from functools import partial
+
+import cv2
+import numpy as np
+import pecs
+import pytest
+from pecs.fit import Davis, fit_davis
+from pecs.fit.davis_recording import load_davis
+from pecs_lab import davis_scene
+from support import run_module
+
+SIZE = 96, 72
+run = partial(run_module, "pecs.fit", check=False)
+
+VALUES = {
+    "contrast_threshold_on": 0.24, "contrast_threshold_off": 0.2, "threshold_mismatch": 0.1, "noise_std": 0.035,
+    "background_on_hz": 0.2, "frame_step": 0.12, "frame_step_spread": 0.4, "frame_gain_e": 300,
+    "frame_period_s": 0.07, "frame_exposure_s": 0.03, "frame_dead_s": 0.005, "hot_pixel_fraction": 0.004, "hot_pixel_hz": 40,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("davis") / "recording"
+    davis_scene.record(folder, 7, VALUES, size=SIZE, moving_s=1.5, still_s=0.8)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(recording):
+    return fit_davis(Davis(recording), "davis240c", pixels=512)
+
+
+@pytest.mark.parametrize("key", VALUES.keys() - {"frame_gain_e", "frame_dead_s"})
+def test_values_are_within_their_intervals(found, key):
+    """Within three standard deviations."""
+    of = found.values[key]
+    low, high = ((3 / 1.96) * (end - of.value) for end in of.interval)
+    assert of.fitted and low - 1e-6 <= VALUES[key] - of.value <= high + 1e-6, (VALUES[key], of)
+
+
+def test_thresholds_are_known_to_a_tenth(found):
+    for key in ("contrast_threshold_on", "contrast_threshold_off"):
+        assert abs(found.values[key].value / VALUES[key] - 1) < 0.1
+
+
+def test_the_command_writes_a_profile_that_a_chip_reads(recording, tmp_path):
+    out, report, numbers = (tmp_path / name for name in ("my.json", "fit.html", "numbers.json"))
+    done = run("--davis", recording, "-o", out, "--chip", "davis240c", "--pixels", 128, "--report", report,
+               "--numbers", numbers)  # fmt: skip
+    assert "contrast_threshold_on: 0.2" in done.stdout and "leak_rate_hz: kept at 0.09" in done.stdout
+    values = json.loads(numbers.read_text())["values"]
+    chip = pecs.Chip(out).info["values"]
+    for key in ("contrast_threshold_on", "frame_step", "frame_period_s"):
+        assert chip[key]["value"] == pytest.approx(values[key]["value"], rel=1e-3)
+    assert "moving frames" in report.read_text()
+
+
+def test_exposures_are_found_where_only_instants_are_known(recording, found, tmp_path):
+    """Stamps as those of ROS or images.txt, at any place of the exposure: bursts show begin and end."""
+    folder = tmp_path / "stamped"
+    shutil.copytree(recording, folder)
+    table = np.loadtxt(folder / "exposures.csv", delimiter=",", skiprows=1)
+    lines = [f"{(row[1] + 21_000) * 1e-6:.6f} frames/{int(row[0]):04}.png\n" for row in table]
+    (folder / "exposures.csv").unlink()
+    (folder / "images.txt").write_text("".join(lines))
+    stamped = fit_davis(Davis(folder), "davis240c", pixels=128)
+    assert stamped.values["frame_exposure_s"].value == pytest.approx(0.03, abs=0.0011)
+    for key in ("contrast_threshold_on", "contrast_threshold_off"):
+        assert stamped.values[key].value == pytest.approx(found.values[key].value, rel=0.04)
+
+
+def _same(a, b):
+    assert (a.events["t"] == b.events["t"]).all() and np.abs(a.frames - b.frames).max() < 0.005
+
+
+def test_a_bag_is_read_as_the_folder(recording, tmp_path):
+    pytest.importorskip("rosbags")
+    folder = load_davis(Davis(recording))
+    bag = tmp_path / "recording.bag"
+    with pecs.ros.Bag(bag, "ros1") as out:
+        for t_ns, data in out.event_messages([folder.events], *folder.shape[::-1], "dvs_msgs", "camera"):
+            out.write("/dvs/events", pecs.ros.ARRAYS[0], t_ns, data)
+        for picture, begin_us in zip(folder.frames, folder.begin_us, strict=True):
+            grey = np.round(255 * picture).astype(np.uint8)
+            fields = {"height": grey.shape[0], "width": grey.shape[1], "encoding": "mono8", "is_bigendian": 0}
+            header = out.header(int(1000 * begin_us), "camera")
+            message = out.message(
+                "sensor_msgs/msg/Image", header=header, **fields, step=grey.shape[1], data=grey.ravel()
+            )
+            out.write("/camera/image_raw", "sensor_msgs/msg/Image", int(1000 * begin_us), out.serialized(message))
+    read = load_davis(Davis(bag))
+    _same(read, folder)
+    assert (read.begin_us == folder.begin_us).all()
+
+
+def test_aedat4_of_dv_processing_is_read_as_the_folder(recording, tmp_path):
+    """Written by the library of the cameras' maker."""
+    dv = pytest.importorskip("dv_processing")
+    folder, path = load_davis(Davis(recording)), str(tmp_path / "recording.aedat4")
+    config = dv.io.MonoCameraWriter.DAVISConfig("DAVIS240C_TEST", SIZE)
+    with_events = dv.EventStore()
+    for t, x, y, p in folder.events.tolist():
+        with_events.push_back(t, x, y, bool(p))
+    out = dv.io.MonoCameraWriter(path, config)
+    out.writeEvents(with_events)
+    for picture, begin_us, end_us in zip(folder.frames, folder.begin_us, folder.end_us, strict=True):
+        grey = np.round(255 * picture).astype(np.uint8)
+        out.writeFrame(dv.Frame(int(begin_us), int(end_us - begin_us), 0, 0, grey, dv.FrameSource.SENSOR))
+    del out
+    read = load_davis(Davis(path))
+    _same(read, folder)
+    assert (read.begin_us == folder.begin_us).all() and (read.end_us == folder.end_us).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: (f / "exposures.csv").unlink(), "got no times of frames"),
+        (lambda f: (f / "frames/0003.png").unlink(), "got no frame 3"),
+        (lambda f: (f / "exposures.csv").write_text("frame,begin_us,end_us\n0,1,x\n"), "got no table of 3 columns"),
+        (lambda f: cv2.imwrite(str(f / "frames/0003.png"), np.zeros((*SIZE[::-1], 3), np.uint8) + [1, 2, 3]), "in colours"),
+        (lambda f: pecs.write(f / "events.npz", pecs.Events(pecs.read(f / "events.npz")[:0], *SIZE)), "got 0 events"),
+        (lambda f: (f / "events.raw").write_bytes(b""), "got 2 files events.*"),
+    ],
+)
+def test_what_is_no_recording_with_frames_is_refused(recording, tmp_path, change, message):
+    folder = tmp_path / "broken"
+    shutil.copytree(recording, folder)
+    change(folder)
+    with pytest.raises(pecs.PecsInputError, match=message):
+        load_davis(Davis(folder))
+
+
+def test_events_that_do_not_follow_the_frames_are_refused(recording, tmp_path):
+    folder = tmp_path / "other"
+    shutil.copytree(recording, folder)
+    events = pecs.read(folder / "events.npz")
+    events["y"] = SIZE[1] - 1 - events["y"]
+    pecs.write(folder / "events.npz", events)
+    with pytest.raises(pecs.PecsInputError, match="wanted at least 0.5"):
+        fit_davis(Davis(folder), "davis240c", pixels=128)
+
+
+def test_other_recordings_beside_it_and_chips_without_frames_are_refused(recording, tmp_path):
+    for more, message in (
+        (("--still", "a.raw=0"), "wanted --davis alone"),
+        (("--chip", "imx636"), "got a chip without frames"),
+        (("--keep", "nothing"), "got nothing, wanted one of"),
+    ):
+        done = run("--davis", recording, "-o", tmp_path / "x.json", *more)
+        assert done.returncode == 2 and message in done.stderr and not (tmp_path / "x.json").exists()
