@@ -67,9 +67,10 @@ library nlohmann-json3 JSON_BuildTests=OFF
 library eigen3 EIGEN_BUILD_DOC=OFF EIGEN_BUILD_PKGCONFIG=ON CMAKE_Fortran_COMPILER=NOTFOUND
 library cli11 CLI11_BUILD_TESTS=OFF CLI11_BUILD_EXAMPLES=OFF CLI11_BUILD_DOCS=OFF CLI11_SINGLE_FILE=OFF
 library highway -e CMakeLists.txt '/vqsort_\*\.cc/d; /vqsort\.cc/d' HWY_ENABLE_TESTS=OFF HWY_ENABLE_EXAMPLES=OFF  # without the sorts, which take minutes to compile
-library libdeflate LIBDEFLATE_BUILD_SHARED_LIB=OFF LIBDEFLATE_BUILD_GZIP=OFF
+# Clang 22 has no EVEX512.
+library libdeflate -e lib/x86/cpu_features.h 's/!defined(__EVEX512__)/0/' LIBDEFLATE_BUILD_SHARED_LIB=OFF LIBDEFLATE_BUILD_GZIP=OFF
 # No option leaves out its shared library and programs, or names the static library libz on Windows.
-library zlib -e CMakeLists.txt 's/(zlib SHARED/& EXCLUDE_FROM_ALL/; s/add_executable([a-z0-9]*/& EXCLUDE_FROM_ALL/; s/TARGETS zlib /TARGETS /; s/if(UNIX)/if(NOT MSVC)/'
+library zlib -e CMakeLists.txt 's/(zlib SHARED/& EXCLUDE_FROM_ALL/; s/add_executable([a-z0-9]*/& EXCLUDE_FROM_ALL/; s/TARGETS zlib /TARGETS /; s/if(UNIX)/if(NOT MSVC)/; /If present will override/d'
 library imath
 library openexr OPENEXR_BUILD_TOOLS=OFF OPENEXR_INSTALL_EXAMPLES=OFF OPENEXR_INSTALL_TOOLS=OFF
 library onetbb TBB_TEST=OFF TBB_STRICT=OFF TBBMALLOC_BUILD=OFF TBB_DISABLE_HWLOC_AUTOMATIC_SEARCH=ON
