@@ -42,7 +42,7 @@ source_of() {
 # library NAME [-S FOLDER] [-e FILE EDIT]... [CMAKE_OPTION=VALUE...]: builds and installs one of versions.txt, unless it is there.
 library() {
   local name=$1 key folder=. edits=() options=() started=$SECONDS; shift
-  key=$( (grep "^$name " "$HERE/versions.txt"; cat "$TOOLCHAIN" "$HERE/static.cmake"; echo "$@") | cksum)
+  key=$( (grep -E "^($name|ziglang) " "$HERE/versions.txt"; cat "$TOOLCHAIN"; echo "$@") | cksum)
   [ "$(cat "$PREFIX/ready/$name" 2>/dev/null)" != "$key" ] || return 0
   [ "${1:-}" != -S ] || { folder=$2; shift 2; }
   while [ "${1:-}" = -e ]; do edits+=("$2" "$3"); shift 3; done
@@ -56,11 +56,24 @@ library() {
       -DCMAKE_POSITION_INDEPENDENT_CODE=ON -DCMAKE_EXPORT_NO_PACKAGE_REGISTRY=ON ${options[@]+"${options[@]}"} &&
     cmake --build "$SOURCE/pecs" ${JOBS:+-j "$JOBS"} --target install; } >>"$LOG" 2>&1 ||
     { tail -30 "$LOG"; die "dependencies.sh: $name: not built; $LOG"; }
-  cp "$SOURCE/debian/copyright" "$PREFIX/licences/$name.txt"
+  [ "$name" = googletest ] || cp "$SOURCE/debian/copyright" "$PREFIX/licences/$name.txt"
   [ -n "${PECS_KEEP:-}" ] || rm -rf "$SOURCE"
   printf '%s' "$key" >"$PREFIX/ready/$name"
   printf '%-16s %4d s\n' "$name" $((SECONDS - started))
 }
+
+# The compiler, and the licences of its runtime, which is inside what it links.
+case $TARGET in
+  linux-*)
+    read -r _ version _ sum _ < <(grep '^ziglang ' "$HERE/versions.txt")
+    [ -d "$PECS_DEPENDENCIES/zig/ziglang-$version.dist-info" ] || python3 -m pip install -q --no-deps --upgrade --require-hashes \
+      --target "$PECS_DEPENDENCIES/zig" -r <(echo "ziglang==$version --hash=sha256:$sum")
+    cp "$PECS_DEPENDENCIES/zig/ziglang/lib/libcxx/LICENSE.TXT" "$PREFIX/licences/libcxx.txt" ;;
+  windows-*)
+    debian_packages g++-mingw-w64-x86-64-posix
+    cp /usr/share/doc/gcc-mingw-w64-base/copyright "$PREFIX/licences/libstdc++.txt"
+    cp /usr/share/doc/mingw-w64-x86-64-dev/copyright "$PREFIX/licences/mingw-w64.txt" ;;
+esac
 
 library fmtlib FMT_TEST=OFF FMT_DOC=OFF
 library nlohmann-json3 JSON_BuildTests=OFF
