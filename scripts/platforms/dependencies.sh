@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Builds the libraries of PECS's core (versions.txt), static, for one platform:
-#   scripts/platforms/dependencies.sh TARGET    a toolchain file here: windows-x86_64, linux-x86_64, linux-aarch64, macos
-# They go to ~/.cache/pecs-dependencies/TARGET (PECS_DEPENDENCIES names another folder than ~/.cache/pecs-dependencies), from
-# where the toolchain file takes them. What is there in its version, for this toolchain, stays. Minutes.
+# Builds the libraries of PECS's core (versions.txt), static, for one platform, which a toolchain file here describes:
+#   scripts/platforms/dependencies.sh TARGET    windows-x86_64, linux-x86_64, linux-aarch64, macos-arm64, macos-x86_64
+# They go to ~/.cache/pecs-dependencies/TARGET, where the toolchain file finds them; PECS_DEPENDENCIES names another folder
+# than ~/.cache/pecs-dependencies. What is there in its version, for this toolchain, stays. Ten minutes of CPU.
 source "$(dirname "$0")/../lib.sh"
 HERE="$ROOT/scripts/platforms"
 TARGET=${1:-} TOOLCHAIN="$HERE/${1:-}.cmake"
-[ -n "$TARGET" ] && [ "$TARGET" != static ] && [ -f "$TOOLCHAIN" ] ||
+[[ "$TARGET" = *-* ]] && [ -f "$TOOLCHAIN" ] ||
   die "dependencies.sh: got '$TARGET', wanted a toolchain file of scripts/platforms, without .cmake" 2
 export PECS_DEPENDENCIES="${PECS_DEPENDENCIES:-$HOME/.cache/pecs-dependencies}"
 PREFIX="$PECS_DEPENDENCIES/$TARGET" SOURCES="$PECS_DEPENDENCIES/sources"
@@ -88,7 +88,7 @@ library imath
 library openexr OPENEXR_BUILD_TOOLS=OFF OPENEXR_INSTALL_EXAMPLES=OFF OPENEXR_INSTALL_TOOLS=OFF
 library onetbb TBB_TEST=OFF TBB_STRICT=OFF TBBMALLOC_BUILD=OFF TBB_DISABLE_HWLOC_AUTOMATIC_SEARCH=ON
 library pugixml
-library flatbuffers FLATBUFFERS_BUILD_TESTS=OFF FLATBUFFERS_BUILD_FLATC="$([ "$TARGET" = macos ] && echo ON || echo OFF)" FLATBUFFERS_BUILD_FLATLIB=OFF
+library flatbuffers FLATBUFFERS_BUILD_TESTS=OFF FLATBUFFERS_BUILD_FLATC="$([[ "$TARGET" = macos* ]] && echo ON || echo OFF)" FLATBUFFERS_BUILD_FLATLIB=OFF
 library lz4 -S build/cmake LZ4_BUILD_CLI=OFF LZ4_BUILD_LEGACY_LZ4C=OFF
 library libzstd -S build/cmake ZSTD_BUILD_PROGRAMS=OFF ZSTD_BUILD_SHARED=OFF ZSTD_LEGACY_SUPPORT=OFF
 library c-blosc -e blosc/shuffle.c 's/defined(_IMMINTRIN_H_INCLUDED)/0/' -e blosc.pc.in 's/^Requires:/& liblz4 libzstd zlib/' BUILD_SHARED=OFF BUILD_TESTS=OFF BUILD_FUZZERS=OFF BUILD_BENCHMARKS=OFF DEACTIVATE_SNAPPY=ON \
