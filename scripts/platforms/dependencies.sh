@@ -62,6 +62,7 @@ library() {
   printf '%-16s %4d s\n' "$name" $((SECONDS - started))
 }
 
+[ "$(uname)" != Linux ] || debian_packages curl patch bzip2 xz-utils cmake ninja-build pkg-config flatbuffers-compiler python3-pip
 # The compiler, and the licences of its runtime, which is inside what it links.
 case $TARGET in
   linux-*)
