@@ -1,6 +1,5 @@
 #pragma once
 // Windows, and its text: UTF-16 there, UTF-8 in all of PECS.
-#define WIN32_LEAN_AND_MEAN
 #ifndef NOMINMAX
 #define NOMINMAX
 #endif

@@ -1,7 +1,6 @@
 // Windows; platform.cpp is that of the other systems.
 #include <fcntl.h>
 #include <io.h>
-#include <shellapi.h>
 
 #include <algorithm>
 #include <atomic>

@@ -7,7 +7,6 @@ import ctypes
 import importlib.util
 import json
 import os
-import socket
 import struct
 import sys
 import traceback
@@ -15,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,15 +162,15 @@ def _line_of(error: BaseException, model: str, verbose: bool) -> tuple[int, str]
     return ExitCode.BAD_INPUT, f"{file}: {place}{type(error).__name__}: {message}"
 
 
-def _serve(text: str, verbose: bool, stream: socket.socket) -> None:
+def _serve(text: str, verbose: bool, read: BinaryIO, write: BinaryIO) -> None:
     """Messages in both directions are 8 bytes of length, then so many bytes. From the program: the setup as JSON, or
     number, t_us[2] and planes; to it: "{", traits or an error as JSON, or "=", rows of events."""
 
     def send(payload: bytes) -> None:
-        stream.sendall(struct.pack("<q", len(payload)) + payload)
+        write.write(struct.pack("<q", len(payload)) + payload)
+        write.flush()
 
     try:
-        read = stream.makefile("rb")
         models = _load(text)
         send(json.dumps({"takes_light": models.takes_light, "tells_causes": models.tells_causes}).encode())
         while head := read.read(8):
@@ -192,6 +191,6 @@ def _serve(text: str, verbose: bool, stream: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    with socket.socket(fileno=os.dup(0)) as stream:
+    with suppress(ConnectionError), os.fdopen(os.dup(0), "rb") as read, os.fdopen(os.dup(0), "wb") as write:
         empty_standard_input()  # of the model
-        _serve(sys.argv[1], "--verbose" in sys.argv[2:], stream)
+        _serve(sys.argv[1], "--verbose" in sys.argv[2:], read, write)

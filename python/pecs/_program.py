@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from ._platform import become
+from ._platform import become, program_file
 
 
 def program() -> Path:
@@ -15,8 +15,9 @@ def program() -> Path:
     if named := os.environ.get("PECS_PROGRAM"):
         return Path(named)
     here = Path(__file__).resolve().parent
-    tried = [here / "_lib" / "bin" / "pecs"]
-    tried += [here.parents[1] / "build" / preset / "bin" / "pecs" for preset in ("release", "dev")]
+    file = program_file("pecs")
+    tried = [here / "_lib" / "bin" / file]
+    tried += [here.parents[1] / "build" / preset / "bin" / file for preset in ("release", "dev")]
     for path in tried:
         if path.is_file():
             if not os.access(path, os.X_OK):  # Blender's installer unpacks wheels without their modes

@@ -161,7 +161,11 @@ def test_the_system_stays_in_one_part_of_python():
     assert all(OF_SYSTEM.search(line) for line in examples.split("|"))
     assert not OF_SYSTEM.search("from scipy.signal import lfilter")
     found = [p for folder in ("python/pecs", ADD_ON) for p in sources(".py", under=folder)]
-    assert [name_of(p) for p in found if OF_SYSTEM.search(p.read_text())] == ["python/pecs/_platform.py"]
+    assert [name_of(p) for p in found if OF_SYSTEM.search(p.read_text())] == [
+        "python/pecs/_platform.py",
+        "python/pecs/_platform_unix.py",
+        "python/pecs/_platform_windows.py",
+    ]
 
 
 def imported(path):
