@@ -113,7 +113,7 @@ def comparison(folder: Path, real: Path, window_ms: float) -> tuple[dict, list[n
         shown.append(strip(pictures, network.parent.name))
         for test, measures in tests.items():
             for measure, value in measures.items():
-                found[name].setdefault(test, {}).setdefault(measure, []).append(value)
+                found[name].setdefault(f"{test}, {measure}", []).append(value)
         print(network.parent.name, json.dumps(tests), flush=True)
     return found, shown
 
@@ -261,7 +261,7 @@ def main() -> None:
         columns = [drawn(methods, number) for number in SHOWN]
         names = [*methods, "light"]
         rows = [np.hstack([labelled(column[i], name) for column in columns]) for i, name in enumerate(names)]
-        cv2.imwrite(str(args.picture), np.vstack(rows))
+        cv2.imwrite(str(args.picture), np.vstack(rows), [cv2.IMWRITE_WEBP_QUALITY, 75])
 
 
 if __name__ == "__main__":
