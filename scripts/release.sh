@@ -50,6 +50,10 @@ scripts/demo.sh
 scripts/packaging/make_sample.sh
 scripts/packaging/wheel_libraries.sh
 "$PY" scripts/packaging/make_wheels.py
+for target in linux-x86_64 linux-aarch64 windows-x86_64; do  # macOS: .github/workflows/platforms.yml
+  scripts/platforms/dependencies.sh "$target"
+  "$PY" scripts/packaging/make_wheels.py --core "$target"
+done
 scripts/packaging/try_wheels.sh  # root
 
 say "ready: what is left for a person"

@@ -7,6 +7,9 @@
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#ifdef __APPLE__
+#include <mach-o/dyld.h>
+#endif
 
 #include <algorithm>
 #include <cerrno>
@@ -20,6 +23,12 @@
 namespace pecs::platform {
 namespace fs = std::filesystem;
 namespace {
+
+#ifdef __APPLE__
+constexpr int kStream = SOCK_STREAM, kNoSignal = 0;
+#else
+constexpr int kStream = SOCK_STREAM | SOCK_CLOEXEC, kNoSignal = MSG_NOSIGNAL;
+#endif
 
 extern "C" void end_at_once(int signal) {
   constexpr char kLine[] = "pecs: interrupted\n";
@@ -47,18 +56,32 @@ fs::path own_binary() {
   if (::dladdr(reinterpret_cast<const void*>(&own_binary), &info) == 0 || !info.dli_fname) return {};
   std::error_code error;
   fs::path path = fs::canonical(info.dli_fname, error);
-  return error ? fs::canonical("/proc/self/exe", error) : path;
+  return error ? own_program() : path;
 }
 
 fs::path own_program() {
   std::error_code error;
+#ifdef __APPLE__
+  std::uint32_t size = 0;
+  ::_NSGetExecutablePath(nullptr, &size);
+  std::string path(size, '\0');
+  return ::_NSGetExecutablePath(path.data(), &size) == 0 ? fs::canonical(path.c_str(), error) : fs::path();
+#else
   return fs::read_symlink("/proc/self/exe", error);
+#endif
 }
 
 Child::Child(const std::string& program, std::vector<std::string> words) {
   int ends[2];
-  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+  if (::socketpair(AF_UNIX, kStream, 0, ends) != 0)
     throw Error(ExitCode::internal, program + ": " + std::strerror(errno));
+#ifdef __APPLE__
+  for (const int end : ends) {
+    const int on = 1;
+    ::fcntl(end, F_SETFD, FD_CLOEXEC);
+    ::setsockopt(end, SOL_SOCKET, SO_NOSIGPIPE, &on, sizeof on);
+  }
+#endif
   stream_ = Descriptor(ends[0]);
   const Descriptor theirs(ends[1]);
   process_ = ::fork();
@@ -76,7 +99,7 @@ Child::~Child() {
 
 bool Child::write(const void* bytes, std::size_t count) {
   for (const char* next = static_cast<const char*>(bytes); count > 0;) {
-    const ssize_t sent = ::send(stream_.number(), next, count, MSG_NOSIGNAL);
+    const ssize_t sent = ::send(stream_.number(), next, count, kNoSignal);
     if (sent < 0 && errno == EINTR) continue;
     if (sent <= 0) return false;
     next += sent, count -= static_cast<std::size_t>(sent);
@@ -145,11 +168,13 @@ const void* symbol_of(const char* library, const char* symbol) {
   return found;
 }
 
-void ask_for_huge_pages(void* memory, std::size_t bytes) {
+void ask_for_huge_pages([[maybe_unused]] void* memory, [[maybe_unused]] std::size_t bytes) {
+#ifdef MADV_HUGEPAGE
   const auto begin = reinterpret_cast<std::uintptr_t>(memory);
   const std::uintptr_t first = (begin + kHugePage - 1) / kHugePage * kHugePage;
   const std::uintptr_t end = (begin + bytes) / kHugePage * kHugePage;
   if (first < end) ::madvise(static_cast<std::byte*>(memory) + (first - begin), end - first, MADV_HUGEPAGE);
+#endif
 }
 
 }  // namespace pecs::platform

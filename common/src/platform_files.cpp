@@ -82,7 +82,9 @@ std::string rename_complete(const fs::path& from, const fs::path& to) {
 
 void will_read(const fs::path& path) {
   const Descriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+#ifdef POSIX_FADV_WILLNEED
   if (fd.number() >= 0) ::posix_fadvise(fd.number(), 0, 0, POSIX_FADV_WILLNEED);
+#endif
 }
 
 }  // namespace pecs::platform

@@ -25,9 +25,12 @@ def lock_bytes(descriptor: int, first: int = 0, count: int = 0) -> bool:
     """Locks bytes of an open file (count 0: all), also behind its end; False if another process holds one of them. The
     lock belongs to the open file: a POSIX record lock would end when this process closes any other descriptor of the
     file. A file system without locks locks nothing."""
-    lock = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, first, count, 0)  # struct flock
+    if sys.platform == "darwin":  # struct flock
+        set_lock, lock = 90, struct.pack("qqihh", first, count, 0, fcntl.F_WRLCK, os.SEEK_SET)
+    else:
+        set_lock, lock = fcntl.F_OFD_SETLK, struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, first, count, 0)
     try:
-        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, lock)
+        fcntl.fcntl(descriptor, set_lock, lock)
     except OSError as e:
         return e.errno not in (errno.EAGAIN, errno.EACCES)
     return True
@@ -173,6 +176,8 @@ def program_file(name: str) -> str:
 
 def library_file(name: str, version: str = "") -> str:
     """The file of a shared library, such as libNAME.so.2."""
+    if sys.platform == "darwin":
+        return ".".join(filter(None, (f"lib{name}", version, "dylib")))
     return ".".join(filter(None, (f"lib{name}.so", version)))
 
 

