@@ -29,6 +29,16 @@ for model in pecs esim v2e voltmeter icns; do
   else differs+="$model "; echo "    DIFFERS from Linux"; fi
 done
 
+say "The library: all functions of pecs.h, and a program in C on it"
+LIBRARY="$DISK/pecs/_lib/libpecs.dll"
+diff <(grep -oE '\bpecs_[a-z0-9_]+\(' python/c/include/pecs.h | tr -d '(' | sort -u) \
+  <(x86_64-w64-mingw32-objdump -p "$LIBRARY" | grep -oE '\bpecs_[a-z0-9_]+$' | sort -u) && echo "    all there"
+x86_64-w64-mingw32-gcc-posix -static-libgcc -Ipython/c/include examples/c/simulate_frames.c "$LIBRARY" -o "$DISK/pecs/_lib/example.exe"
+(cd "$DISK/$FOLDER" && wine-stable "$DISK/pecs/_lib/example.exe" bar.raw)
+cc -Ipython/c/include examples/c/simulate_frames.c build/release/lib/libpecs.so -Wl,-rpath,"$ROOT/build/release/lib" -o "$PLACE/example"
+"$PLACE/example" "$PLACE/bar.raw" >/dev/null
+cmp "$PLACE/bar.raw" "$DISK/$FOLDER/bar.raw" && echo "    as on Linux"
+
 say "All formats, written there and read here; text with CRLF"
 for format in $("$PY" -c 'import pecs; print(*(f["name"] + f["extensions"][0] for f in pecs.event_formats() if f["writes"]))'); do
   name=${format%%.*} file=events.$format
