@@ -1,5 +1,5 @@
-// Included before every C++ file on Windows: libstdc++ makes UTF-8 of a path, but takes text for a path in the encoding of
-// the C locale, which has no umlauts. With this, text is UTF-8 in both directions.
+// Included before every C++ file on Windows: libstdc++ makes UTF-8 of a path, but takes text for a path in the encoding
+// of the C locale, which has no umlauts. With this, text is UTF-8 in both directions.
 #ifdef __cplusplus
 #include <filesystem>
 template <>
