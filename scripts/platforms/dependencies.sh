@@ -92,7 +92,10 @@ library pugixml
 library flatbuffers FLATBUFFERS_BUILD_TESTS=OFF FLATBUFFERS_BUILD_FLATC="$([[ "$TARGET" = macos* ]] && echo ON || echo OFF)" FLATBUFFERS_BUILD_FLATLIB=OFF
 library lz4 -S build/cmake LZ4_BUILD_CLI=OFF LZ4_BUILD_LEGACY_LZ4C=OFF
 library libzstd -S build/cmake ZSTD_BUILD_PROGRAMS=OFF ZSTD_BUILD_SHARED=OFF ZSTD_LEGACY_SUPPORT=OFF
-library c-blosc -e blosc/shuffle.c 's/defined(_IMMINTRIN_H_INCLUDED)/0/' -e blosc.pc.in 's/^Requires:/& liblz4 libzstd zlib/' BUILD_SHARED=OFF BUILD_TESTS=OFF BUILD_FUZZERS=OFF BUILD_BENCHMARKS=OFF DEACTIVATE_SNAPPY=ON \
+# On Windows, threads of the toolchain, as all else has; before GCC 13, _xgetbv needs -mxsave.
+library c-blosc -e blosc/blosc.c '60s/_WIN32/_MSC_VER/; s/!defined(_WIN32)/!defined(_MSC_VER)/' -e blosc/CMakeLists.txt 's/ win32.pthread.c//' \
+  -e blosc/shuffle.c 's/defined(_IMMINTRIN_H_INCLUDED)/0/' -e blosc.pc.in 's/^Requires:/& liblz4 libzstd zlib/' \
+  BUILD_SHARED=OFF BUILD_TESTS=OFF BUILD_FUZZERS=OFF BUILD_BENCHMARKS=OFF DEACTIVATE_SNAPPY=ON \
   PREFER_EXTERNAL_LZ4=ON PREFER_EXTERNAL_ZLIB=ON PREFER_EXTERNAL_ZSTD=ON
 library libzip BUILD_TOOLS=OFF BUILD_REGRESS=OFF BUILD_EXAMPLES=OFF BUILD_DOC=OFF ENABLE_COMMONCRYPTO=OFF ENABLE_GNUTLS=OFF \
   ENABLE_MBEDTLS=OFF ENABLE_OPENSSL=OFF ENABLE_WINDOWS_CRYPTO=OFF ENABLE_BZIP2=OFF ENABLE_LZMA=OFF
