@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <deque>
 #include <pugixml.hpp>
+#include <sstream>
 
 #include "aedat4_generated.h"
 #include "buffer_size.h"
