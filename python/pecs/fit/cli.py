@@ -38,7 +38,19 @@ EXAMPLES = (
 MAX_BYTES = 1 << 26
 LARGE_MISFIT = 5.0
 CHIP, DAVIS_CHIP = "imx636", "davis346"
-OTHERS = ("steps", "still", "stimulus", "disk", "flash", "edges", "region", "photocurrent", "irradiance", "wavelength", "pixel_map")
+OTHERS = (
+    "steps",
+    "still",
+    "stimulus",
+    "disk",
+    "flash",
+    "edges",
+    "region",
+    "photocurrent",
+    "irradiance",
+    "wavelength",
+    "pixel_map",
+)
 
 
 def _levels(text: str) -> tuple[Path, tuple[float, ...]]:

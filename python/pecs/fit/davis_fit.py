@@ -91,7 +91,9 @@ def fit_davis(
         hot_values = _of_hot_pixels(found, windows, base)
         fixed = {key: v.value for key, v in values.items() if v.fitted and key not in keep}
         fixed |= {"hot_pixel_fraction": 0.0}
-        problem = StillProblem(found, windows[-MOST_WINDOWS:], moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress)
+        problem = StillProblem(
+            found, windows[-MOST_WINDOWS:], moving.black, chip, fixed, PIXELS_PER_SIMULATED * pixels, seed, progress
+        )
         still = _Still(problem, base, moving, keep)
         values |= still.values | hot_values
         light, data, simulated = still.light, [problem], [still.simulated]
@@ -167,11 +169,15 @@ def _of_hot_pixels(of: DavisEvents, windows: NDArray[np.int64], base: dict[str, 
     poisson = optional_module("scipy.stats", "SciPy", "pecs fit", "fit").poisson
     least, mean = int(counts[0][is_hot].min()), float(counts[0][is_hot].mean())
     numbers = np.geomspace(0.3 * mean, mean, 400)
-    number = float(numbers[np.argmin(np.abs(numbers * poisson.sf(least - 2, numbers) / poisson.sf(least - 1, numbers) - mean))])
+    number = float(
+        numbers[np.argmin(np.abs(numbers * poisson.sf(least - 2, numbers) / poisson.sf(least - 1, numbers) - mean))]
+    )
     lower, found_share = number / mean, float(poisson.sf(least - 1, number))
     share, shares = hot.share(is_hot)
     return {
-        "hot_pixel_fraction": Value(share / found_share, (shares[0], shares[1] / found_share), base["hot_pixel_fraction"]),
+        "hot_pixel_fraction": Value(
+            share / found_share, (shares[0], shares[1] / found_share), base["hot_pixel_fraction"]
+        ),
         "hot_pixel_hz": Value(rate_hz * lower, (rates[0] * lower**2, rates[1]), base["hot_pixel_hz"]),
     }
 
