@@ -16,8 +16,8 @@ from pecs.stack import StackWriter
 from PIL import Image
 
 CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, -621.0
-IRRADIANCE, BLACK_DN, WHITE_DN, DARKEST = 3.7e-4, 23, 240, 0.02  # of white; 5.5e-13 A
-LAMP_HZ, LAMP_DEPTH, LAMP_PHASE = 100.4, 0.065, 1.6
+IRRADIANCE, BLACK_DN, WHITE_DN, DARKEST = 3.2e-4, 5, 240, 0.02  # of white; 4.8e-13 A
+LAMP_HZ, LAMP_DEPTH, LAMP_PHASE = 100.4, 0.06, 1.7
 LEAD_US = PERIOD_US - BEGIN_US  # the first exposure begins at 0, one period before the recording
 
 

@@ -25,7 +25,8 @@ ABOUT = (
     "Fits a chip profile to recordings of a camera. --stimulus is a recording of a screen (pecs stimulus); --steps is "
     "one of a light that switches through known levels again and again, relative to level 1; --disk is one of a "
     "turning disk of black and white sectors; --still is one of constant light, or with the cap on (level 0). For them "
-    "the camera does not move. --davis is any recording of a DAVIS with frames, in motion and, for noise, in stillness. What the recordings do not constrain is kept as in the starting profile."
+    "the camera does not move. --davis is any recording of a DAVIS with frames, in motion and, for noise, still. "
+    "What the recordings do not constrain is kept as in the starting profile."
 )
 EXAMPLES = (
     "pecs fit --stimulus screen.raw --still cap.raw=0 -o my_camera.json",
@@ -38,7 +39,10 @@ EXAMPLES = (
 MAX_BYTES = 1 << 26
 LARGE_MISFIT = 5.0
 CHIP, DAVIS_CHIP = "imx636", "davis346"
-OTHERS = ("steps", "still", "stimulus", "disk", "flash", "edges", "region", "photocurrent", "irradiance", "wavelength", "pixel_map")
+OTHERS = (  # options that --davis does not take
+    "steps", "still", "stimulus", "disk", "flash", "edges", "region", "photocurrent", "irradiance", "wavelength",
+    "pixel_map",
+)  # fmt: skip
 
 
 def _levels(text: str) -> tuple[Path, tuple[float, ...]]:

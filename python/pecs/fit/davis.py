@@ -204,7 +204,9 @@ def consecutive(of: DavisEvents, step: int = 1, exposed: bool = True) -> NDArray
     first, last = float(of.events["t"][0]), float(of.events["t"][-1])
     end_us = of.end_us if exposed else of.begin_us
     inside = (of.begin_us >= first - 0.1 * of.period_us) & (end_us <= last + 0.1 * of.period_us)
-    runs = np.lib.stride_tricks.sliding_window_view(complete, step).all(axis=1) if len(complete) >= step else complete[:0]
+    runs = (
+        np.lib.stride_tricks.sliding_window_view(complete, step).all(axis=1) if len(complete) >= step else complete[:0]
+    )
     return np.flatnonzero(runs & inside[:-step] & inside[step:])
 
 

@@ -87,7 +87,9 @@ def _aedat4(path: Path) -> tuple[list[NDArray[Any]], Floats, Floats]:
         recording = dv.io.MonoCameraRecording(str(path))
         has_frames = recording.isFrameStreamAvailable()
     except RuntimeError as e:
-        raise PecsInputError(f"{path}: {' '.join(str(e).split())[:200]}, wanted AEDAT4, a ROS bag or a folder") from None
+        raise PecsInputError(
+            f"{path}: {' '.join(str(e).split())[:200]}, wanted AEDAT4, a ROS bag or a folder"
+        ) from None
     pictures, begin_us, length_us = [], [], []
     while has_frames and (frame := recording.getNextFrame()) is not None:
         pictures.append(np.array(frame.image))
@@ -141,7 +143,9 @@ def _table(file: Path, columns: int) -> Floats:
 
 def _numbered(path: Path, numbers: Floats) -> list[str]:
     """frames/0010.png of number 10."""
-    have = {int(file.stem): f"frames/{file.name}" for file in sorted(path.glob("frames/*.png")) if file.stem.isdecimal()}
+    have = {
+        int(file.stem): f"frames/{file.name}" for file in sorted(path.glob("frames/*.png")) if file.stem.isdecimal()
+    }
     missing = [int(n) for n in numbers if int(n) not in have]
     if missing:
         raise PecsInputError(f"{path}: got no frame {missing[0]}, wanted frames/{missing[0]:04}.png")

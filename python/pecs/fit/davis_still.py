@@ -26,7 +26,7 @@ BURST_US, AFTER_US = (-1200.0, 2000.0), 6000.0  # about begin and end of an expo
 CLASSES = (0.33, 0.67)  # of the pixels, by brightness
 RANKS = (0.5, 0.75, 0.9, 0.97, 0.99, 0.999)  # of pixels, by their number of events
 STEP_US, CALM_STEP_US = 1000.0, 5000.0  # of the simulated light, with and without flicker
-LAMP_HZ = (80.0, 250.0)
+LAMP_HZ, LAMP_SCALE = (80.0, 250.0), 3.0  # searched; weight of the events' mean turn
 DARKEST = 0.02  # of white
 WHITE = 0.97  # quantile of the still frame
 MODEL_SD = 0.1  # ln of a number of events: what the model may be wrong by
@@ -119,7 +119,9 @@ class StillProblem:
             pixel = number[mine["y"].astype(np.int64) * of.shape[1] + mine["x"]]
             t_us = mine["t"].astype(float)
             full = np.full(len(mine), i)
-            part = StillStatistics(full, t_us - of.begin_us[k], t_us - of.begin_us[self.windows[0]], pixel, mine["p"] == 1)
+            part = StillStatistics(
+                full, t_us - of.begin_us[k], t_us - of.begin_us[self.windows[0]], pixel, mine["p"] == 1
+            )
             parts.append(part.select(pixel >= 0))
         columns = zip(*([p.window, p.phase_us, p.t_us, p.pixel, p.on] for p in parts), strict=True)
         return StillStatistics(*(np.concatenate(c) for c in columns))
@@ -172,7 +174,8 @@ class StillProblem:
             for direction, mine in (("ON", bright & of.on), ("OFF", bright & ~of.on)):
                 turn = np.exp(2j * np.pi * self.lamp_hz * 1e-6 * of.t_us[mine])
                 wave = turn.mean() if len(turn) else 0j
-                out |= {f"lamp, {direction}, cosine": 3 * float(wave.real), f"lamp, {direction}, sine": 3 * float(wave.imag)}
+                parts = {"cosine": wave.real, "sine": wave.imag}
+                out |= {f"lamp, {direction}, {name}": LAMP_SCALE * float(part) for name, part in parts.items()}
         return out
 
     def simulate(self, values: Mapping[str, float]) -> StillStatistics:

@@ -160,7 +160,9 @@ def _still_windows(data: StillProblem, simulated: StillStatistics) -> list[Node]
         ranks.append(np.quantile(counts, share) / (1e-6 * number * data.of.period_us))
     plots.append(_both(100 * share, ranks, ("% of the pixels", "Hz"), "pixels by their rate"))
     lamp = f" A lamp flickers at {data.lamp_hz:.1f} Hz." if data.lamp_hz else ""
-    said = f"{number} still windows, {len(data.light)} pixels; numbers of events are logarithms.{lamp}"
+    said = (
+        f"{number} still window{'s' * (number > 1)}, {len(data.light)} pixels; numbers of events are logarithms.{lamp}"
+    )
     return [["p", said], row(plots)]
 
 

@@ -14,12 +14,14 @@ from pecs_lab import davis_scene
 from support import run_module
 
 SIZE = 96, 72
+COLOURS = np.full((*SIZE[::-1], 3), (1, 2, 3), np.uint8)
 run = partial(run_module, "pecs.fit", check=False)
 
 VALUES = {
     "contrast_threshold_on": 0.24, "contrast_threshold_off": 0.2, "threshold_mismatch": 0.1, "noise_std": 0.035,
     "background_on_hz": 0.2, "frame_step": 0.12, "frame_step_spread": 0.4, "frame_gain_e": 300,
-    "frame_period_s": 0.07, "frame_exposure_s": 0.03, "frame_dead_s": 0.005, "hot_pixel_fraction": 0.004, "hot_pixel_hz": 40,
+    "frame_period_s": 0.07, "frame_exposure_s": 0.03, "frame_dead_s": 0.005, "hot_pixel_fraction": 0.004,
+    "hot_pixel_hz": 40,
 }  # fmt: skip
 
 
@@ -123,7 +125,7 @@ def test_aedat4_of_dv_processing_is_read_as_the_folder(recording, tmp_path):
         (lambda f: (f / "exposures.csv").unlink(), "got no times of frames"),
         (lambda f: (f / "frames/0003.png").unlink(), "got no frame 3"),
         (lambda f: (f / "exposures.csv").write_text("frame,begin_us,end_us\n0,1,x\n"), "got no table of 3 columns"),
-        (lambda f: cv2.imwrite(str(f / "frames/0003.png"), np.zeros((*SIZE[::-1], 3), np.uint8) + [1, 2, 3]), "in colours"),
+        (lambda f: cv2.imwrite(str(f / "frames/0003.png"), COLOURS), "in colours"),
         (lambda f: pecs.write(f / "events.npz", pecs.Events(pecs.read(f / "events.npz")[:0], *SIZE)), "got 0 events"),
         (lambda f: (f / "events.raw").write_bytes(b""), "got 2 files events.*"),
     ],
