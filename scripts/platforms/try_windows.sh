@@ -11,22 +11,23 @@ PLACE=$(mktemp -d /tmp/pecs_windows.XXXXXX)
 trap 'wineserver-stable -k; rm -rf "$PLACE"' EXIT
 export WINEPREFIX="$PLACE/prefix" WINEDEBUG=-all PECS_DATA= LC_ALL=C.UTF-8  # of the arguments
 DISK="$WINEPREFIX/drive_c"
-windows() { local folder=$1; shift; (cd "$DISK/$folder" && wine-stable "$DISK/pecs/_lib/bin/pecs.exe" "$@"); }
+exec 3>/dev/null  # what the program prints of what went well
+windows() { local folder=$1; shift; (cd "$DISK/$folder" && wine-stable "$DISK/pecs/_lib/bin/pecs.exe" "$@" >&3); }
 
 say "A new prefix, $(du -h "$WHEEL" | cut -f1) of wheel"
 wine-stable wineboot -i >/dev/null 2>&1
 unzip -q "$WHEEL" -d "$DISK"
-windows . --version
+windows . --version 3>&1
 
 say "Events of all models, in a folder with umlauts"
 FOLDER='Messung äöü 北'
 mkdir "$DISK/$FOLDER"
 "$PY" -c 'import sys; from pathlib import Path; from pecs.demo import write_stack; write_stack(Path(sys.argv[1]))' "$DISK/$FOLDER/stack"
 for model in pecs esim v2e voltmeter icns; do
-  windows "$FOLDER" sense "C:\\$FOLDER\\stack" -o "C:\\$FOLDER\\$model.raw" --model $model
-  "$PECS" sense "$DISK/$FOLDER/stack" -o "$PLACE/$model.raw" --model $model --quiet
-  if cmp -s "$PLACE/$model.raw" "$DISK/$FOLDER/$model.raw"; then echo "    as on Linux"
-  else differs+="$model "; echo "    DIFFERS from Linux"; fi
+  windows "$FOLDER" sense "C:\\$FOLDER\\stack" -o "C:\\$FOLDER\\$model.raw" --model $model --quiet
+  "$PECS" sense "$DISK/$FOLDER/stack" -o "$PLACE/$model.raw" --model $model --quiet >&3
+  if cmp -s "$PLACE/$model.raw" "$DISK/$FOLDER/$model.raw"; then echo "    $model: as on Linux"
+  else differs+="$model "; echo "    $model: DIFFERS from Linux"; fi
 done
 
 say "The library: all functions of pecs.h, and a program in C on it"
@@ -44,7 +45,7 @@ for format in $("$PY" -c 'import pecs; print(*(f["name"] + f["extensions"][0] fo
   name=${format%%.*} file=events.$format
   windows "$FOLDER" convert pecs.raw "$file" --format "$name" --quiet
   windows "$FOLDER" convert "$file" back.csv --input-format "$name" --quiet
-  "$PECS" convert "$DISK/$FOLDER/$file" "$PLACE/here.csv" --input-format "$name" --quiet
+  "$PECS" convert "$DISK/$FOLDER/$file" "$PLACE/here.csv" --input-format "$name" --quiet >&3
   cmp "$PLACE/here.csv" "$DISK/$FOLDER/back.csv" && echo "    $name"
 done
 sed 's/$/\r/' "$DISK/$FOLDER/back.csv" >"$DISK/$FOLDER/crlf.csv"
@@ -62,12 +63,13 @@ expect() { # CODE COMMAND...: its exit code
   [ $code = "$wanted" ] || die "try_windows.sh: $*: got exit code $code, wanted $wanted"
 }
 expect 3 windows . info 'D:\none.raw'
-expect 5 windows . convert "$FOLDER\\pecs.raw" "$FOLDER"
+mkdir "$DISK/folder.raw"
+expect 5 windows . convert "$FOLDER\\pecs.raw" folder.raw
 expect 6 windows . view "$FOLDER\\pecs.raw" -o a.png
-interrupted() { # a child of the shell that gets SIGINT, which Wine turns into Ctrl-C
-  (cd "$DISK/$FOLDER" && exec timeout -s INT 3 wine-stable "$DISK/pecs/_lib/bin/pecs.exe" sense stack -o long.raw --duration 100s --quiet)
+interrupted() { # SIGINT, which Wine turns into Ctrl-C
+  (cd "$DISK/$FOLDER" && exec timeout --preserve-status -s INT 3 wine-stable "$DISK/pecs/_lib/bin/pecs.exe" sense stack -o long.raw --duration 100s --quiet)
 }
-interrupted && die "try_windows.sh: Ctrl-C: got exit code 0" || echo "    ended with $?"
+expect 130 interrupted
 [ ! -e "$DISK/$FOLDER/long.raw" ] || die "try_windows.sh: Ctrl-C: got long.raw, wanted only its .partial"
 
 if [ "${1:-}" = --tests ]; then
