@@ -54,6 +54,7 @@ for target in linux-x86_64 linux-aarch64 windows-x86_64; do  # macOS: .github/wo
   scripts/platforms/dependencies.sh "$target"
   "$PY" scripts/packaging/make_wheels.py --core "$target"
 done
+scripts/platforms/try_windows.sh --tests
 scripts/packaging/try_wheels.sh  # root
 
 say "ready: what is left for a person"

@@ -76,6 +76,7 @@ PartialFile::PartialFile(const fs::path& path, bool keeps_extension)
 void PartialFile::commit() {
   if (const std::string why = platform::rename_complete(file_, partial_, path_); !why.empty())
     throw bad_output(path_.string(), why);
+  file_ = {};  // Windows replaces no file that is open
 }
 
 void PartialFile::commit(const fs::path& written) {

@@ -2,6 +2,7 @@
 #include <fcntl.h>
 #include <io.h>
 
+#include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -92,8 +93,10 @@ std::FILE* open_again(const Descriptor& file, const char* mode) {
 }
 
 std::FILE* open_unnamed(const fs::path& beside) {
-  const std::wstring name = beside.wstring() + L"." + std::to_wstring(::GetCurrentProcessId());
-  Handle file(::CreateFileW(name.c_str(), GENERIC_READ | GENERIC_WRITE | DELETE, kShareAll, nullptr, CREATE_ALWAYS,
+  static std::atomic<int> number = 0;
+  const std::wstring name =
+      beside.wstring() + L"." + std::to_wstring(::GetCurrentProcessId()) + L"." + std::to_wstring(number++);
+  Handle file(::CreateFileW(name.c_str(), GENERIC_READ | GENERIC_WRITE | DELETE, kShareAll, nullptr, CREATE_NEW,
                             FILE_ATTRIBUTE_TEMPORARY | FILE_FLAG_DELETE_ON_CLOSE, nullptr));
   if (!file.get()) {
     errno = ::GetLastError() == ERROR_PATH_NOT_FOUND ? ENOENT : EACCES;

@@ -118,7 +118,9 @@ TEST_F(Files, OneWriterAtATime) {
 
 TEST_F(Files, SpecialFilesAreErrors) {
   fs::create_directory(dir_ / "folder");
-  fs::create_symlink("nothing", dir_ / "dangling");
+  std::error_code no_links;
+  fs::create_symlink("nothing", dir_ / "dangling", no_links);
+  if (no_links) GTEST_SKIP() << "no symbolic links here";
   fs::create_symlink("loop", dir_ / "loop");
   fs::create_symlink("c", dir_ / "e.partial");
   fs::create_directory(dir_ / "f.partial");

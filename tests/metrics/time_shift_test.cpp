@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "random_events.h"
 
@@ -13,7 +14,7 @@ namespace {
 events::Recording bar(unsigned seed, double late_us, std::int64_t span_us) {
   auto events = tests::random_events(20'000, seed, 64, 48, span_us);
   for (auto& e : events) {
-    const double turn = (static_cast<double>(e.t_us) - late_us) / 40'000 * 2 * M_PI;
+    const double turn = (static_cast<double>(e.t_us) - late_us) / 40'000 * 2 * std::numbers::pi;
     e.p = std::cos(std::atan2(e.y - 24, e.x - 32) - turn) > 0;
   }
   return events::recording_of({{64, 48, ""}, std::move(events)}, "x", 0, INT64_MAX);

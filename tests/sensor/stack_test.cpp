@@ -49,7 +49,7 @@ void write_half(const fs::path& path, Imf::Compression compression, int width, i
   header.channels().insert("A", Imf::Channel(Imf::HALF));
   std::vector<half> values;
   for (int i = 0; i < width * height; ++i) values.push_back(half(static_cast<float>(i % 512)));
-  Imf::OutputFile file(path.c_str(), header);
+  Imf::OutputFile file(path.string().c_str(), header);
   const auto stride = sizeof(half) * static_cast<std::size_t>(width);
   char* base = reinterpret_cast<char*>(values.data()) - 5 * static_cast<std::ptrdiff_t>(sizeof(half)) -
                7 * static_cast<std::ptrdiff_t>(stride);
