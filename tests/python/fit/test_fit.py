@@ -254,7 +254,7 @@ def test_the_page_stands_alone(tmp_path):
         (["--steps", "{steps}"], 2, "wanted FILE=LEVEL"),
         (["--still", "{steps}=1,2"], 2, "wanted one"),
         (["--still", "{steps}=1"], 4, "at least 1 s"),
-        ([], 2, "wanted --stimulus, --steps, --disk or --still"),
+        ([], 2, "wanted --stimulus, --steps, --disk, --still or --davis"),
         (["--stimulus", "{steps}"], 4, "events that come with"),
         (["--steps", "{steps}=1,0.1", "--irradiance", "1"], 2, "wanted both"),
         (["--steps", "{steps}=1,0.1", "--region", "0,0,99,99"], 4, "region"),
