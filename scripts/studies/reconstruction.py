@@ -24,7 +24,6 @@ Plan, written before the first training:
         disk's edges within 3 px. MSE, SSIM and the other lengths are printed and decide nothing.
     A win in a measure: each of the three seeds is above each of the other simulator's (1 in 20 by chance). pecs beats a
         simulator with wins in three of four measures. If it does not: networks on its events with one part left out.
-    Chosen after two of three seeds: `bright` is pecs with 10 pA for white in each sequence, so that no pixel is slow.
 """
 
 import argparse
@@ -77,17 +76,12 @@ def v2e_camera(rng: np.random.Generator) -> dict:
     return {"photocurrent_a": 1e-12, "overrides": values, "parameters": {"cutoff_hz": rng.uniform(*cutoff)}}
 
 
-def bright_camera(rng: np.random.Generator) -> dict:
-    return procedural.camera(rng) | {"photocurrent_a": 1e-11}
-
-
-CAMERAS = {"pecs": procedural.camera, "esim": esim_camera, "v2e": v2e_camera, "bright": bright_camera}
-MODELS = {"bright": "pecs"}
+CAMERAS = {"pecs": procedural.camera, "esim": esim_camera, "v2e": v2e_camera}
 
 
 @functools.cache
 def simulated(name: str) -> list[procedural.Procedural]:
-    config = procedural.ProceduralConfig(count=COUNT, model=MODELS.get(name, name))
+    config = procedural.ProceduralConfig(count=COUNT, model=name)
     return [procedural.sequence(number, 1, config, CAMERAS[name]) for number in range(COUNT)]
 
 

@@ -345,10 +345,10 @@ class ActivePixels {
     if (hn::AllFalse(f, which)) return;
     const V before = hn::Sub(blind, begin), after = hn::Sub(end, blind), u = hn::Div(before, hn::Sub(end, begin));
     const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from);
+    const VU r0 = g.random.next(which), r1 = g.random.next(which);
     const NoiseState<V> noise = draw_between(
         noise_step(hn::Mul(rate, before), hn::Mul(b, before)), noise_step(hn::Mul(rate, after), hn::Mul(b, after)),
-        {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(f, 0), get(g.std), gaussian(g.random.next(which)),
-        gaussian(g.random.next(which)));
+        {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(f, 0), get(g.std), gaussian(r1), gaussian(r0));
     set(g.blind, hn::IfThenZeroElse(which, blind));
     begin_at(t, g, which, z, hn::Add(cubic(g.q).at(z), noise.z), noise);
   }
@@ -368,9 +368,9 @@ class ActivePixels {
     const V from = get(g.from), to = get(g.to), half = hn::Set(F(), 0.5f);
     const V length = hn::Mul(hn::Mul(half, hn::Sub(to, from)), hn::Sub(get(g.s1), get(g.s0)));
     const NoiseStep<V> step = noise_step(hn::Mul(get(g.rate), length), hn::Mul(hn::Set(F(), t.amplifier.x), length));
-    const NoiseState<V> noise =
-        draw_between(step, step, {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(F(), 0), get(g.std),
-                     gaussian(g.random.next(which)), gaussian(g.random.next(which)));
+    const VU r0 = g.random.next(which), r1 = g.random.next(which);
+    const NoiseState<V> noise = draw_between(step, step, {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)},
+                                             hn::FirstN(F(), 0), get(g.std), gaussian(r1), gaussian(r0));
     for (std::size_t k = 0; k < lanes(); ++k) {
       const std::uint32_t top = g.later[k];
       g.later_to[top][k] = g.to[k], g.later_n[top][k] = g.n1[k], g.later_z[top][k] = g.z1[k];
