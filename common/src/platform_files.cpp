@@ -4,7 +4,6 @@
 
 #include <cerrno>
 #include <cstring>
-#include <utility>
 
 #include "pecs/error.h"
 #include "pecs/platform.h"
@@ -17,11 +16,6 @@ std::string last_error() { return std::strerror(errno); }
 
 }  // namespace
 
-Descriptor::Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
-  std::swap(number_, other.number_);
-  return *this;
-}
 Descriptor::~Descriptor() {
   if (number_ >= 0) ::close(number_);
 }

@@ -5,7 +5,6 @@
 #include <atomic>
 #include <cerrno>
 #include <cstring>
-#include <utility>
 
 #include "on_windows.h"
 #include "pecs/error.h"
@@ -51,11 +50,6 @@ std::string renamed(const fs::path& from, const fs::path& to) {
 
 }  // namespace
 
-Descriptor::Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
-  std::swap(number_, other.number_);
-  return *this;
-}
 Descriptor::~Descriptor() {
   if (number_ >= 0) ::_close(number_);
 }

@@ -135,7 +135,7 @@ def run_program(*arguments: object, talk: list[str]) -> None:
 
 
 def show(events: Path, stack: Path, talk: list[str]) -> None:
-    """Contact sheet, video, 3-D page and report beside the events. The core's program says that it makes none."""
+    """Contact sheet, video, 3-D page and report next to the events. The core's program says that it makes none."""
     try:
         run_program("view", events, "-o", events.with_suffix(".png"), talk=talk)
     except PecsError as e:

@@ -7,7 +7,7 @@ source "$(dirname "$0")/../lib.sh"
 [[ "${1:-}" =~ ^(--tests)?$ ]] || die "try_windows.sh: got $1, wanted --tests or nothing" 2
 debian_packages wine64 wine unzip
 WHEEL=$(compgen -G 'dist/pecs_sim-*-win_amd64.whl') || die "try_windows.sh: dist/pecs_sim-*-win_amd64.whl is missing: make_wheels.py --core windows-x86_64" 3
-PLACE=$(mktemp -d /tmp/pecs_windows.XXXXXX)
+PLACE=$(mktemp -d)
 trap 'wineserver-stable -k; rm -rf "$PLACE"' EXIT
 export WINEPREFIX="$PLACE/prefix" WINEDEBUG=-all PECS_DATA= LC_ALL=C.UTF-8  # of the arguments
 DISK="$WINEPREFIX/drive_c"

@@ -7,7 +7,7 @@ from the stock profile.
 Each chip is drawn in the ranges of published parts (RANGES), and stands before a lamp that switches through four
 levels, and before still light; before a screen that plays the page of `pecs stimulus`, with the cap on at the end; or
 before a turning disk (4 to 12 sectors, either direction); or takes frames of a texture that moves and then stays
-(folder of PNG and exposures). The photocurrent of level 1 is drawn, too, and not known to
+(folder of PNG and exposures). The photocurrent of level 1 is drawn as well, and not known to
 the fit. Events are written as RAW or AEDAT4 and read back. Printed are, for each value, how often its 95 % interval has
 the truth, and the median of the relative error. One to two minutes a chip on two cores.
 """

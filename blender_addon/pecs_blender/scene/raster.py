@@ -20,7 +20,6 @@ ENGINE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 SETTINGS = {  # the same for every render, and recorded with it
     "use_raytracing": False,  # in the space of the screen: it depends on what is in view
     "use_shadows": True,
-    "use_shadow_jitter_viewport": True,
     "shadow_step_count": 16,
     "light_threshold": 1e-4,  # by default a lamp's reach ends at .01
     "clamp_surface_direct": 0.0,

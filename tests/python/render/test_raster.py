@@ -1,4 +1,4 @@
-"""The raster engine beside Cycles: a red ball above a plane, in the light of a sun and a lamp."""
+"""The raster engine compared with Cycles: a red ball above a plane, in the light of a sun and a lamp."""
 
 import json
 
