@@ -79,10 +79,16 @@ class Stage:
         scene = self.source.scene
         return raster.Film(scene, samples, self.scratch) if self._engine == "eevee" else cycles.Film(scene)
 
-    def print_bands(self) -> None:
-        """Their number, and the estimated error."""
-        if self._chosen.edges_nm:
-            print(f"render: {words(self._chosen, len(self.passes))}", file=sys.stderr)
+    @property
+    def _approximated(self) -> list[str]:
+        own = raster.approximated(self.spectral.emitting) if self._engine == "eevee" else []
+        return self.spectral.approximated + own
+
+    def print_choices(self) -> None:
+        """The bands' number, their estimated error, and what is approximated."""
+        chosen = [words(self._chosen, len(self.passes))] if self._chosen.edges_nm else []
+        for line in chosen + [f"approximated: {text}" for text in self._approximated]:
+            print(f"render: {line}", file=sys.stderr)
 
     def record(self, plan: Plan) -> dict[str, Any]:
         """Entries of stack.json's "render" that the scene decides."""
@@ -97,7 +103,7 @@ class Stage:
             "emitters": [s.name for s in self.spectral.emitters.spectra],
             "lamps": [[nm, float(f"{power:.6g}")] for nm, power in self.spectral.emitters.mean_pairs() or []],
             "radiance_per_relative_power": self.radiance_per_unit if plan.light else None,
-            "approximated": self.spectral.approximated + [raster.APPROXIMATED] * (self._engine == "eevee"),
+            "approximated": self._approximated,
             **({"eevee": raster.SETTINGS} if self._engine == "eevee" else {"cycles": cycles.SETTINGS | source.bounces}),
             "device": ", ".join(self.devices),
         }

@@ -28,7 +28,7 @@ def print_cost(job: Render) -> None:
     else:
         each_s, disk_bytes, about = _light_s(job) if job.plan.light else _layers_s(job), needed_bytes, "up to"
     if job.plan.light:
-        stage.print_bands()
+        stage.print_choices()
     of = len(job.plan.instants.grid.times_ns)
     frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
     between = " with the frames after it" if keyframes else ""

@@ -87,7 +87,7 @@ class Render:
         check_disk(folder, self.needed_bytes(lambda file: overwrite or not (folder / file).is_file()))
         with self.opened(folder, overwrite) as frames:
             if self.plan.light and not self.plan.verbosity["quiet"]:
-                self.stage.print_bands()
+                self.stage.print_choices()
             _write_missing(frames, self.wanted, self.plan.verbosity)
         return folder
 

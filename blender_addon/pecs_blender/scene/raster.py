@@ -29,7 +29,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "use_bokeh_jittered": True,  # depth of field by samples, as a path tracer's
     "use_overscan": False,
 }
-APPROXIMATED = "engine eevee: light between surfaces, reflections and refraction are not traced"
+CAMERAS = "PERSP", "ORTHO"  # it draws others as PERSP
 FILTER_PX = 1.0  # radius of its Blackman-Harris filter, as sharp as the box of a pixel
 NEAREST = 1e-6  # of the camera's farthest distance: the depth buffer has 24 bits
 TRY = f"""
@@ -39,6 +39,12 @@ scene.render.engine, scene.eevee.taa_render_samples = "{ENGINE}", 1
 scene.render.resolution_x = scene.render.resolution_y = 4
 bpy.ops.render.render()
 """
+
+
+def approximated(emitting: list[str]) -> list[str]:
+    """What EEVEE does otherwise. emitting: names of materials."""
+    lamps = f"; surfaces that emit light nothing: {', '.join(emitting)}" if emitting else ""
+    return [f"engine eevee: light between surfaces, reflections and refraction are not traced{lamps}"]
 
 
 def check_graphics() -> None:
@@ -69,6 +75,9 @@ class Film:
         render = {"engine": ENGINE, "filepath": str(self._file), "filter_size": FILTER_PX}
         eevee = {name: value for name, value in SETTINGS.items() if hasattr(self._scene.eevee, name)}
         camera = self._scene.camera.data
+        if camera.type not in CAMERAS:
+            wanted = "PERSP or ORTHO, or --engine cycles"
+            raise PecsError(f"{camera.name}: type: got {camera.type}, wanted {wanted}", ExitCode.UNSUPPORTED)
         near = {"clip_start": max(camera.clip_start, camera.clip_end * NEAREST)}
         eevee["taa_render_samples"] = self._samples
         with changed([(self._scene.render, render), (self._scene.eevee, eevee), (camera, near)]), quiet(2):

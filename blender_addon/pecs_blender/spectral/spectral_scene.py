@@ -106,6 +106,7 @@ class SpectralScene:
     def __init__(self, illuminant: Spectrum, folder, unit_m: float = 1.0):
         self.emitters = Emitters(illuminant)
         self.approximated: list[str] = []
+        self.emitting: list[str] = []  # materials
         self._folder, self._unit_m = folder, unit_m
         self.constants: list[Constant] = []
         self.linked: list[Linked] = []
@@ -222,6 +223,8 @@ class SpectralScene:
         if key in EMISSION:
             if named.filters:
                 return ColourRole()
+            if isinstance(named.owner, bpy.types.Material) and not dark and named.owner.name not in self.emitting:
+                self.emitting.append(named.owner.name)
             return ColourRole(self._emitter(named.emission, dark), named=named.emission is not None)
         return ColourRole(reflectance=named.reflectance if key[1] in BASE_COLOUR else None)
 

@@ -30,6 +30,11 @@ bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
 bpy.context.object.data.energy = 2
 bpy.ops.object.light_add(type="POINT", location=(1.5, -1, 2))
 bpy.context.object.data.energy = 60
+bpy.ops.mesh.primitive_plane_add(size=0.1, location=(0, 0, -9))
+glow = bpy.data.materials.new("glow")
+glow.use_nodes = True
+glow.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 0.1
+bpy.context.object.data.materials.append(glow)
 bpy.ops.object.camera_add(location=(0, -3, 2), rotation=(math.radians(60), 0, 0))
 scene = bpy.context.scene
 scene.camera, scene.cycles.max_bounces = bpy.context.object, 0
@@ -65,7 +70,7 @@ def test_light_has_the_values_of_a_path_tracer(root):
 
 def test_the_stack_says_what_is_missing(root):
     of = {engine: json.loads((root / engine / "stack.json").read_text())["render"] for engine in ("cycles", "eevee")}
-    assert "eevee" in of["eevee"]["approximated"][0] and not of["cycles"]["approximated"]
+    assert of["eevee"]["approximated"][0].endswith("emit light nothing: glow") and not of["cycles"]["approximated"]
 
 
 @pytest.mark.parametrize(
@@ -82,3 +87,10 @@ def test_what_it_lacks_is_refused(root, tmp_path, option, wanted):
     result = pecs_blender("render", root / "ball.blend", "-o", tmp_path / "s", *args, check=False)
     assert result.returncode == 2 and option[0] in result.stderr and wanted in result.stderr, result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_other_cameras_are_refused(tmp_path):
+    """EEVEE draws them in perspective."""
+    in_bpy(SCENE.replace("bpy.ops.wm.save", 'scene.camera.data.type = "PANO"\nbpy.ops.wm.save'), tmp_path / "p.blend")
+    result = pecs_blender("render", tmp_path / "p.blend", "-o", tmp_path / "s", "--engine", "eevee", *ARGS, check=False)
+    assert result.returncode == 6 and "got PANO, wanted PERSP or ORTHO" in result.stderr, result.stderr
