@@ -45,7 +45,7 @@ class Stage:
         self._chosen = choose(bands, self.spectral)
         self.bands, self.lambda_nm = self._chosen.entries, self._chosen.bands.lambda_nm
         self.weights = np.array(bands.chip.amperes_per_unit(self.bands))
-        apart = plan.instants.step_px and plan.light
+        apart = plan.instants.step_px and plan.light and self._engine == "cycles"  # EEVEE has no light groups
         self.lamps = Lamps(source, [t * 1e-9 for t in plan.instants.grid.bounds_ns] if apart else [])
         if view.path:
             source.follow(view.path)

@@ -13,7 +13,7 @@ from pecs._errors import UsageError
 from ..camera.plan import Plan, View, lower_threshold
 from ..camera.tiles import Box
 from ..scene.camera_path import read_camera_path
-from ..scene.cycles import Sampling
+from ..scene.cycles import LEAST_PX, Sampling
 from ..scene.open import open_scene
 from ..scene.source import Source
 from ..scene.timeline import Instants, timeline
@@ -63,9 +63,9 @@ def resolve(options: Options, source: Source) -> Plan:
 def _view(options: Options, source: Source, chip: pecs.Chip) -> View:
     subpixels = options.subpixels or (2 if options.is_adaptive else 1)
     width, height = pixels = _pixels(source.size, options.width, options.height)
-    if max(pixels) * subpixels > MOST_PX:
+    if max(pixels) * subpixels > MOST_PX or min(pixels) < LEAST_PX:
         each = f" of {subpixels} x {subpixels} subpixels" if subpixels > 1 else ""
-        raise UsageError(f"--width: got {width} x {height} pixels{each}, wanted at most {MOST_PX} each way")
+        raise UsageError(f"--width: got {width} x {height} pixels{each}, wanted {LEAST_PX} to {MOST_PX} each way")
     return View(
         pixels=pixels,
         subpixels=subpixels,

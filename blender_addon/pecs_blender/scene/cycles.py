@@ -34,6 +34,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "use_fast_gi": False,
     "film_exposure": 1.0,
 }
+LEAST_PX = 4  # of a picture, each way: Blender's limit
 NO_SURFACE = 1e10  # value of the Depth pass where there is no surface
 WORLD_MAP_WIDTH = 2048  # upper limit; 1024 misses the sun in a texture of 4096
 BOUNCES = (  # settings that a .blend keeps

@@ -63,11 +63,11 @@ class Film:
     def __init__(self, scene: bpy.types.Scene, samples: int, scratch: Path):
         self._scene, self._samples, self._file = scene, samples, scratch / "raster.exr"
 
-    def parts(self, boxes_px: list, *names: str) -> Iterator[dict[str, np.ndarray]]:
-        """As cycles.Film.parts, of "Combined" alone: parts of one picture."""
+    def parts(self, boxes_px: list, *_names: str) -> Iterator[dict[str, np.ndarray]]:
+        """As cycles.Film.parts, but "Combined" is the only pass: parts of one picture."""
         picture = self._picture()
         for left, top, right, bottom in boxes_px:
-            yield {name: picture[:, top:bottom, left:right] for name in names}
+            yield {"Combined": picture[:, top:bottom, left:right]}
 
     def _picture(self) -> np.ndarray:
         """[3, height, width], float32, row 0 at the top."""

@@ -74,7 +74,7 @@ class Surfaces:
     note: Callable[[bpy.types.DepsgraphObjectInstance, Geometry], Any] | None = None
 
     def __init__(self, stage: Stage, scale: float = 1.0, name: str = "surfaces"):
-        self.size = tuple(max(1, round(n * scale)) for n in stage.size)
+        self.size = tuple(max(cycles.LEAST_PX, round(n * scale)) for n in stage.size)
         self._stage, self._identity, self._geometries = stage, Identity(), Geometries()
         self.sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
 

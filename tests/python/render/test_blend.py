@@ -192,5 +192,5 @@ def test_what_a_foreign_file_cannot_choose(tmp_path):
     in_bpy(FOREIGN, tmp_path)
     words = ("render", tmp_path / "file.blend", "-o", tmp_path / "s", "--plan", "--bands", 1)
     result = pecs_blender(*words, "--time", "adaptive", check=False)
-    line = "--width: got 5000 x 1080 pixels of 2 x 2 subpixels, wanted at most 8192 each way"
+    line = "--width: got 5000 x 1080 pixels of 2 x 2 subpixels, wanted 4 to 8192 each way"
     assert (result.returncode, result.stderr) == (2, f"pecs_blender: {line}\n")

@@ -73,6 +73,25 @@ def test_the_stack_says_what_is_missing(root):
     assert of["eevee"]["approximated"][0].endswith("emit light nothing: glow") and not of["cycles"]["approximated"]
 
 
+def test_keyframes_follow_a_lamp_that_dims(tmp_path):
+    """EEVEE draws the light of all lamps in one picture."""
+    dim = """
+lamp = bpy.data.objects["Point"].data
+for frame, watts in ((1, 60), (4, 6)):
+    lamp.energy = watts
+    lamp.keyframe_insert("energy", frame=frame)
+bpy.ops.wm.save"""
+    in_bpy(SCENE.replace("bpy.ops.wm.save", dim), tmp_path / "dim.blend")
+    light = []
+    for time in ("uniform", "adaptive"):
+        args = ("--engine", "eevee", "--time", time, "--frames", 4, "--fps", 24, "--bands", 3, "--lens", "none")
+        pecs_blender("render", tmp_path / "dim.blend", "-o", tmp_path / time, *args, "--samples", 1, "--width", 16,
+                     "--height", 12)  # fmt: skip
+        stack = pecs.StackReader(tmp_path / time)
+        light.append([stack.read_frame(0).mean(), stack.read_frame(stack.info["frames"] - 1).mean()])
+    assert np.allclose(*light, rtol=0.02) and light[0][1] < 0.9 * light[0][0], light
+
+
 @pytest.mark.parametrize(
     ("option", "wanted"),
     [
