@@ -21,8 +21,10 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
 [ "$WITH_TESTS" = ON ] && PACKAGES+=(ccache libgtest-dev python3-torch python3-torchvision libgl1-mesa-dri)
 
-# use_checkout PYTHON: its `import pecs` and `-m pecs_blender` come from this checkout.
+# use_checkout PYTHON: its `import pecs`, and the command pecs_blender beside it, come from this checkout.
 use_checkout() {
+  printf '#!/bin/sh\nexec "%s" -m pecs_blender "$@"\n' "$ROOT/$1" >"$(dirname "$1")/pecs_blender"
+  chmod +x "$(dirname "$1")/pecs_blender"
   printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" "$ROOT/scripts/lab" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
 }
 
@@ -38,7 +40,7 @@ if [ "$WITH_TESTS" = ON ] || grep -qs '^test' .venv/pecs-current; then
 else
   python_packages .venv run
 fi
-use_checkout "$PY"
+use_checkout .venv/bin/python
 if [ -n "$EXTRAS" ]; then
   say "Optional packages ($EXTRAS)"
   optional_packages "$PY" "$EXTRAS"

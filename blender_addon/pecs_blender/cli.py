@@ -57,7 +57,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_commands()
     for name, (_, add_options, text, description, *examples) in COMMANDS.items():
-        add_options(commands.add_parser(name, help=text, description=description, examples=examples))
+        prog = "pecs run" if name == "run" else f"pecs_blender {name}"
+        add_options(commands.add_parser(name, prog=prog, help=text, description=description, examples=examples))
     return parser
 
 
@@ -205,7 +206,7 @@ def _survey(args: dict) -> None:
 
 
 def _light(args: dict) -> None:
-    source, plan = _opened(args)
+    source, plan = _opened({**args, **_chip_size(args)})
     from .camera.probe import probe
 
     measured = probe(source, plan)

@@ -41,8 +41,9 @@ PERCENT = {"p5": 5, "median": 50, "p95": 95}
 
 def probe(source: Source, plan: Plan) -> dict[str, Any]:
     """lux (None if no surface in view scatters light), luminance_cd_m2, photocurrent_a and corner_hz (None without an
-    f-number), each {p5, median, p95} over the pixels; `light_scale`, at which they were measured; `fnumber`;
-    `noise_thresholds` of the light with `samples`."""
+    f-number; no corner of a chip that follows at once), each {p5, median, p95} over the pixels; `light_scale`, at which
+    they were measured; `fnumber`; `noise_thresholds` of the light with `samples`; `events_per_s` over the first
+    `events_over_s` (None of a single instant)."""
     chip, own = plan.bands.chip, plan.sampling
     cycles.device_names(own.device)
     sampling = replace(own, samples=SAMPLES, denoise=False, light_tree=False, noise_events=None)
@@ -59,6 +60,8 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     chosen = choose(replace(plan.bands, count=3), spectral)
     amperes, fnumber = _amperes(source, plan.view, chip, chosen.entries)
     current = rate = noise = None
+    times_ns = plan.instants.grid.times_ns
+    over_s = min(EVENT_S, (times_ns[-1] - times_ns[0]) * 1e-9)
     all_samples = own.samples * plan.view.subpixels**2
     if amperes is not None:
         weights = amperes * spectral.emitters.norm(chosen.bands) * scale
@@ -73,10 +76,12 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
             with cycles.picture_size(source.scene, *_size(source), samples=samples, seed=seed):
                 pair.append(look())
         noise = _noise(*pair)
-        rate = _event_rate(source, plan, look, spectral)
+        rate = _event_rate(source, plan, over_s, look, spectral) if over_s > 0 else None
     measured["photocurrent_a"] = _spread(current)
-    corner = None if current is None else chip.corner_hz_per_a * (current + chip.dark_current_a)
-    measured |= {"corner_hz": _spread(corner), "events_per_s": rate}
+    corner = None
+    if current is not None and chip.corner_hz_per_a:
+        corner = chip.corner_hz_per_a * (current + chip.dark_current_a)
+    measured |= {"corner_hz": _spread(corner), "events_per_s": rate, "events_over_s": over_s}
     if noise is not None:
         noise = float(f"{noise * math.sqrt(samples / all_samples) / lower_threshold(chip):.3g}")
     measured |= {"noise_thresholds": noise, "samples": all_samples}
@@ -107,24 +112,22 @@ def _noise(one: np.ndarray, other: np.ndarray) -> float | None:
     return float(np.median(np.abs(np.log(one[lit] / other[lit])))) / (MEDIAN_OF_NORMAL * math.sqrt(2))
 
 
-def _event_rate(source: Source, plan: Plan, look: Callable[[], np.ndarray], spectral: SpectralScene) -> float | None:
-    """Events per second of the whole picture, over the first EVENT_S of the range."""
-    times_s = np.array(plan.instants.grid.times_ns) * 1e-9
-    begin_s, end_s = times_s[0], min(times_s[-1], times_s[0] + EVENT_S)
-    if end_s <= begin_s:
-        return None
-    width, height = source.size
-    size = EVENT_WIDTH, max(1, round(EVENT_WIDTH * height / width))
+def _event_rate(
+    source: Source, plan: Plan, over_s: float, look: Callable[[], np.ndarray], spectral: SpectralScene
+) -> float:
+    """Events per second of a picture of the plan's size, over the first seconds."""
+    width, height = plan.view.pixels
+    size = EVENT_WIDTH, max(cycles.LEAST_PX, round(EVENT_WIDTH * height / width))
     count = 0
     sensor = pecs.Sensor(*size, plan.bands.chip, noise=False, readout="ideal", photocurrent_a=1e-12)
     with cycles.picture_size(source.scene, *size), sensor:
-        for t_s in np.linspace(begin_s, end_s, EVENT_LOOKS):
+        for t_s in plan.instants.grid.times_ns[0] * 1e-9 + np.linspace(0, over_s, EVENT_LOOKS):
             spectral.before_instant()
             source.set_time(t_s)
             spectral.after_instant()
             count += len(sensor.push(look() * 1e12, t_s * 1e6))
         count += len(sensor.finish())
-    return float(f"{count / (end_s - begin_s) * width * height / (size[0] * size[1]):.3g}")
+    return float(f"{count / over_s * width * height / (size[0] * size[1]):.3g}")
 
 
 def _size(source: Source) -> tuple[int, int]:

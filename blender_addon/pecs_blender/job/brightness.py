@@ -9,12 +9,12 @@ _LINES = (
     ("lux", "illuminance", "lux", 1.0),
     ("luminance_cd_m2", "luminance", "cd/m²", 1.0),
     ("photocurrent_a", "photocurrent", "pA", 1e12),
-    ("corner_hz", "bandwidth", "Hz", 1.0),
+    ("corner_hz", "corner", "Hz", 1.0),
 )
 
 
 def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
-    """Pairs of name and "MEDIAN UNIT (P5–P95)". scale: factor on the light since the measurement; the bandwidth is
+    """Pairs of name and "MEDIAN UNIT (P5–P95)". scale: factor on the light since the measurement; the corner is
     scaled with it, neglecting the dark current."""
     rows = []
     for name, what, unit, factor in _LINES:
@@ -23,11 +23,13 @@ def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, 
             rows.append((what, f"{middle} {unit} ({low}–{high})"))
         else:
             missing = "no diffuse surface" if name == "lux" else "the camera has no f-number; set --fnumber"
+            missing = "none: the chip follows at once" if name == "corner_hz" and measured["photocurrent_a"] else missing
             rows.append((what, missing))
     if measured["noise_thresholds"] is not None:
         rows.append(("render noise", f"{_number(measured['noise_thresholds'])} of a threshold"))
     if measured["events_per_s"] is not None and scale == 1:
-        rows.append(("events", f"{_number(measured['events_per_s'])} per second"))
+        over_ms = 1e3 * measured["events_over_s"]
+        rows.append(("events", f"{_number(measured['events_per_s'])} per second in the first {over_ms:g} ms"))
     return rows
 
 

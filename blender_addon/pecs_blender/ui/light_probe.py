@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Probe render of about a second: illuminance, photocurrent and photoreceptor bandwidth; light scale for a target
+"""Probe render of about a second: illuminance, photocurrent and the photoreceptor's corner; light scale for a target
 illuminance."""
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from . import operators, paths, settings
 from .background import BackgroundJob, state
 from .interface import Action
 
-DIM_HZ = 100.0  # photoreceptor bandwidth below which moving edges blur
+DIM_HZ = 100.0  # corner of the photoreceptor below which moving edges blur
 
 
 class PecsLight(bpy.types.PropertyGroup):
@@ -31,7 +31,7 @@ class PecsLight(bpy.types.PropertyGroup):
 
 
 class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
-    """Measure the illuminance in view, and the chip's photocurrent and bandwidth at this light"""
+    """Measure the illuminance in view, and the chip's photocurrent and corner frequency at this light"""
 
     bl_label = "Probe Light"
 

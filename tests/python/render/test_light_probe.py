@@ -113,6 +113,9 @@ def test_the_event_rate_is_what_the_edges_sweep(scenes):
     pixels_per_unit = 32 / (36 / 50 * 5)
     swept = 2 * 2 / (9 / 24) * pixels_per_unit**2
     assert found["events_per_s"] == pytest.approx(10 * swept, rel=0.1)
+    assert (found["events_over_s"], found["corner_hz"]) == (pytest.approx(0.099), None)
+    smaller = light(scenes / "slide.blend", "--chip", "ideal", "--frames", 100, "--fps", 1000, "--width", 16)
+    assert smaller["events_per_s"] == pytest.approx(10 * swept / 4, rel=0.1)
     assert light(scenes / "sky.blend", "--frames", 100)["events_per_s"] == 0  # nothing moves
     assert light(scenes / "sun.blend", "--frames", 1)["events_per_s"] is None
 
