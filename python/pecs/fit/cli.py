@@ -196,8 +196,13 @@ def _fit_recordings(args: argparse.Namespace, progress: Callable[[int], object])
 
 def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
     from . import report
+    from .davis import FULL_CORRELATION
 
-    if found.misfit > LARGE_MISFIT:
+    for file, moving in found.moving.items():
+        if moving.correlation < FULL_CORRELATION:
+            why = f"got a correlation of {moving.correlation:.2f} of frames and events, wanted {FULL_CORRELATION:g} or more"
+            line.note(f"pecs: fit: {file}: {why}: the thresholds are uncertain (5 s of motion, sharp frames?)")
+    if found.misfit is not None and found.misfit > LARGE_MISFIT:
         why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
         line.note(f"pecs: fit: {why} (levels, edges, region?)")
     found.write(args.output)
@@ -225,7 +230,8 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
     for file, moving in found.moving.items():
         print(f"{file}: {moving.pairs} pairs of frames, whose changes the events explain ({moving.correlation:.2f})")
     count = f"{len(found.files)} recording{'s' * (len(found.files) > 1)}"
-    print(f"{args.output}: fitted to {count}, misfit {found.misfit:.2f} (1: as the noise)")
+    misfit = "no still light" if found.misfit is None else f"misfit {found.misfit:.2f} (1: as the noise)"
+    print(f"{args.output}: fitted to {count}, {misfit}")
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ LOSS = 0.3  # ln, beyond which a pixel counts less
 MOST_STEP = 1.6  # period / median period of frames: no frame is missing between them
 LEAST_CORRELATION = 0.5
 CLEAR_CORRELATION = 0.85  # for the spread over pixels
-FULL_CORRELATION = 0.9  # below it, thresholds are too small
+FULL_CORRELATION = 0.9  # below it, thresholds are uncertain in either direction
 BURST_US = 500.0  # bins of the frame clock
 ROUNDS = 200  # of the bootstrap
 SEEN, SEEN_SD = 1.17, 0.08  # mismatch / its estimate, in ten simulated recordings
@@ -56,9 +56,9 @@ class Moving:
     mean_changes: tuple[Floats, Floats]
 
     @property
-    def most(self) -> float:
-        """Thresholds may be larger by this factor: errors in the changes of events make slopes too small, at most by
-        the square of the correlation (regression of events on frames)."""
+    def doubt(self) -> float:
+        """Thresholds may be larger or smaller by this factor: errors in the changes of events make slopes too small, at
+        most by the square of the correlation (regression of events on frames), a wrong value without light too large."""
         return 1.0 if self.correlation > FULL_CORRELATION else self.correlation**-2
 
 

@@ -108,7 +108,8 @@ def fit_davis(
     values |= {key: kept(base[key], others) for key in ("corner_hz_per_a", "amplifier_cutoff_hz", "leak_rate_hz")}
     values |= {"refractory_period_s": kept(base["refractory_period_s"], others)}
     values |= {key: kept(base[key], "as given (--keep)") for key in keep}
-    misfit = float(np.sqrt(np.mean([((c.simulated - c.measured) / c.deviation) ** 2 for c in compared] or [0.0])))
+    squares = [((c.simulated - c.measured) / c.deviation) ** 2 for c in compared]
+    misfit = float(np.sqrt(np.mean(squares))) if squares else None
     corner = base["corner_hz_per_a"]
     corner_hz = Value(light.value * corner, (light.interval[0] * corner, light.interval[1] * corner), 0.0, light.fitted)
     out = Fitted(str(chip), [str(of.file)], values, corner_hz, correlations, compared, misfit, data, simulated, {}, {})
@@ -145,8 +146,9 @@ def _of_motion(moving: Moving, base: dict[str, float]) -> Values:
             out[key] = kept(base[key], "too few frames with motion")
             continue
         value, sd = of
-        most = 1.0 if key == "threshold_mismatch" else moving.most
-        out[key] = Value(value, (max(value - NORMAL_95 * sd, 0.0), most * (value + NORMAL_95 * sd)), base[key])
+        doubt = 1.0 if key == "threshold_mismatch" else moving.doubt
+        ends = max(value - NORMAL_95 * sd, 0.0) / doubt, doubt * (value + NORMAL_95 * sd)
+        out[key] = Value(value, ends, base[key])
     return out
 
 

@@ -110,8 +110,9 @@ class Fitted:
         Key -> key -> correlation of the two fitted values.
     compared : list
         Statistics of each recording: measured, simulated, and the standard deviation of their difference.
-    misfit : float
-        Root mean square of (simulated - measured) / deviation; 1 if the model misses by the noise alone.
+    misfit : float or None
+        Root mean square of (simulated - measured) / deviation; 1 if the model misses by the noise alone. None
+        if nothing was compared: a DAVIS without a still window.
     data, simulated : list
         The recordings as they were used, and their simulations with the fitted values.
     screens : dict
@@ -130,7 +131,7 @@ class Fitted:
     corner_hz: Value
     correlations: dict[str, dict[str, float]]
     compared: list[Compared]
-    misfit: float
+    misfit: float | None
     data: list[StepEvents | StillEvents | DiskEvents]
     simulated: list[Any]
     screens: dict[str, Screen]

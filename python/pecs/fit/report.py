@@ -27,13 +27,15 @@ Floats = NDArray[np.float64]
 def write(found: Fitted, path: Path) -> None:
     """Raises PecsOutputError."""
     files = ", ".join(Path(f).name for f in found.files)
+    misfit = "No still light was compared with the model."
+    if found.misfit is not None:
+        misfit = (
+            "Between recording and model, the root mean square of all differences is "
+            f"{found.misfit:.2f} times the noise of both (1: they agree)."
+        )
     body: list[Node] = [
         ["h1", f"{path.stem}: a chip profile fitted to recordings"],
-        [
-            "p",
-            f"Starting profile: {found.chip}. Recordings: {files}. Between recording and model, the root mean square "
-            f"of all differences is {found.misfit:.2f} times the noise of both (1: they agree).",
-        ],
+        ["p", f"Starting profile: {found.chip}. Recordings: {files}. {misfit}"],
         ["h2", "Values"],
         _values(found),
     ]
@@ -69,7 +71,8 @@ def _marked(value: str, is_strong: bool) -> Any:
 
 
 def _values(found: Fitted) -> Node:
-    of: dict[str, Value] = {**found.values, "corner of the photoreceptor at level 1, Hz": found.corner_hz}
+    corner = {"corner of the photoreceptor at level 1, Hz": found.corner_hz} if found.corner_hz.value else {}
+    of: dict[str, Value] = {**found.values, **corner}
     rows = []
     for key, value in sorted(of.items(), key=lambda item: not item[1].fitted):
         low, high = value.interval
