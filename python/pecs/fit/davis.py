@@ -58,7 +58,7 @@ class Moving:
     @property
     def doubt(self) -> float:
         """Thresholds may be larger or smaller by this factor: errors in the changes of events make slopes too small, at
-        most by the square of the correlation (regression of events on frames), a wrong value without light too large."""
+        most by the square of the correlation (regression of events on frames), a wrong value without light larger."""
         return 1.0 if self.correlation > FULL_CORRELATION else self.correlation**-2
 
 
