@@ -28,7 +28,7 @@ from .sequence import sequences
 from .work import RUNS, Busy
 
 RECIPE = "recipe.toml"  # of a .blend, in its set
-SHOWN_ROWS = 20  # of --plan
+SHOWN_ROWS = 20  # of --plan and --check
 MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
@@ -189,23 +189,31 @@ def _export(folder: Path, name: str, output: Path, line: Line) -> None:
 
 def _check(wanted: list[int], output: Path) -> None:
     bad = _damaged(wanted, output)
-    for line in (line for lines in bad.values() for line in lines):
+    absent = [index for index in bad if not manifest.sequence_folder(output, index).is_dir()]
+    damaged = sorted(bad.keys() - set(absent))
+    for line in (line for index in damaged for line in bad[index]):
         print(line)
-    if bad:
-        raise bad_input(
-            output,
-            "",
-            f"{len(bad)} of {len(wanted)} sequences lost or damaged: {', '.join(f'{i:04d}' for i in bad)}",
-            "all whole (--repair makes them again)",
-        )
+    got = [
+        f"{len(indices)} of {len(wanted)} sequences {what}{_some(indices)}"
+        for what, indices in (("damaged", damaged), ("lost or not made yet", absent))
+        if indices
+    ]
+    if got:
+        raise bad_input(output, "", ", ".join(got), "all whole (--repair makes them)")
     print(f"{output}: {len(wanted)} sequences, whole")
+
+
+def _some(indices: list[int]) -> str:
+    """": 0001, 0002, …"."""
+    more = ", …" if len(indices) > SHOWN_ROWS else ""
+    return ": " + ", ".join(f"{index:04d}" for index in indices[:SHOWN_ROWS]) + more
 
 
 def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:
     found, sums = {}, manifest.sums(output)
     for index in wanted:
         folder = manifest.sequence_folder(output, index)
-        lines = manifest.faults(folder, sums.get(folder.name)) if folder.is_dir() else [f"{folder}: no such sequence"]
+        lines = manifest.faults(folder, sums.get(folder.name)) if folder.is_dir() else ["not there"]
         if lines:
             found[index] = lines
     return found
@@ -281,7 +289,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
     memory = f", {max(values[4] for values in measured.values()):.1f} GB of memory" if measured else ""
     beyond = ", and the sensor's time and events" if measured else ""
-    print(f"{count:.0f} left: {left_s / 3600:.2f} h and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
+    print(f"{count:.0f} left: {left_s / 3600:.2f} h of this machine as loaded, and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
 
 
 def _spaced(indices: list[int]) -> list[int]:

@@ -27,7 +27,9 @@ def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
     """Files of a pattern, sorted, so that the same set of files gives the same draws."""
     pattern, beside = table.text(key), Path(str(table.file)).parent
     whole = f"{pattern}/**/*" if (beside / pattern).is_dir() else pattern
-    there = () if pattern.startswith(("/", "..")) else beside.glob(whole)
+    if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+        raise table.fail(key, pattern, "files in the recipe's folder, of which a link may lead elsewhere")
+    there = beside.glob(whole)
     found = sorted(str(p.relative_to(beside)) for p in there if p.suffix.lower() in kinds)
     if not found:
         raise table.fail(

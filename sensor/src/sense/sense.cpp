@@ -106,6 +106,7 @@ class SenseRun {
   void note_light(const LightBatch& light, PixelRange range);
   Json config() const;
   Json light_report();
+  void warn_of_light(std::vector<std::string>& warnings) const;
 
   const SenseOptions& options_;
   Json results_;
@@ -121,6 +122,7 @@ class SenseRun {
   std::optional<ChipFrames> frames_;
   std::optional<NoiseEstimate> noise_;
   LabelledEvents events_;
+  bool changes_ = false;  // the light of a pixel, by a threshold since the first frame
   std::map<std::int64_t, std::vector<std::uint8_t>> unsure_;  // pixels, by step
   EventSink sink_;
   std::vector<float> first_fa_;    // light of the first frame
@@ -202,6 +204,7 @@ SenseReport SenseRun::run() {
       options_.times.file_us && !options_.times.unit && step_us < kClose_us)
     warnings.push_back(
         fmt::format("--times: frames are {:g} us apart; if the file is not in us, state --time-unit", step_us));
+  if (model_.name == "pecs") warn_of_light(warnings);
   results_.update({{"width", source_->info().width},
                    {"height", source_->info().height},
                    {"frames", source_->frames()},
@@ -312,6 +315,23 @@ void SenseRun::note_light(const LightBatch& light, PixelRange range) {
     first_fa_.insert(first_fa_.end(), part.begin(), part.end());
   }
   light_planes_ += std::ssize(light.planes);
+  const double least = std::exp(std::min(chip_.contrast_threshold_on, chip_.contrast_threshold_off));
+  for (std::size_t k = 0; k < light.planes.size() && !changes_; ++k)
+    for (std::size_t i = range.first; i < range.end && !changes_; ++i) {
+      const auto [low, high] = std::minmax(first_fa_[i], light.planes[k][i]);
+      changes_ = high > least * low;
+    }
+}
+
+void SenseRun::warn_of_light(std::vector<std::string>& warnings) const {
+  constexpr double kDim_hz = 1;
+  const double corner_hz = results_["corner_hz"]["median"].get<double>();
+  if (corner_hz > 0 && corner_hz < kDim_hz)
+    warnings.push_back(
+        fmt::format("the photoreceptor's corner is {:.2g} Hz in the median pixel, which hardly follows: "
+                    "more light gives more events",
+                    corner_hz));
+  if (!changes_) warnings.push_back("no pixel's light changes by a threshold: events, if any, are the chip's noise");
 }
 
 Json SenseRun::light_report() {
