@@ -23,7 +23,8 @@ def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, 
             rows.append((what, f"{middle} {unit} ({low}–{high})"))
         else:
             missing = "no diffuse surface" if name == "lux" else "the camera has no f-number; set --fnumber"
-            missing = "none: the chip follows at once" if name == "corner_hz" and measured["photocurrent_a"] else missing
+            if name == "corner_hz" and measured["photocurrent_a"]:
+                missing = "none: the chip follows at once"
             rows.append((what, missing))
     if measured["noise_thresholds"] is not None:
         rows.append(("render noise", f"{_number(measured['noise_thresholds'])} of a threshold"))

@@ -204,7 +204,7 @@ def _check(wanted: list[int], output: Path) -> None:
 
 
 def _some(indices: list[int]) -> str:
-    """": 0001, 0002, …"."""
+    """ ": 0001, 0002, …"."""
     more = ", …" if len(indices) > SHOWN_ROWS else ""
     return ": " + ", ".join(f"{index:04d}" for index in indices[:SHOWN_ROWS]) + more
 
@@ -289,7 +289,8 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
     memory = f", {max(values[4] for values in measured.values()):.1f} GB of memory" if measured else ""
     beyond = ", and the sensor's time and events" if measured else ""
-    print(f"{count:.0f} left: {left_s / 3600:.2f} h of this machine as loaded, and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
+    hours = f"{left_s / 3600:.2f} h of this machine as loaded"
+    print(f"{count:.0f} left: {hours} and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
 
 
 def _spaced(indices: list[int]) -> list[int]:
