@@ -22,6 +22,8 @@ GRACE_S = 10.0  # for what a command does when it is stopped
 def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list[str]) -> int:
     """Runs a command and returns its exit code."""
     _platform.exit_when_terminated()
+    for stream in (sys.stdout, sys.stderr):  # as the program writes them
+        stream.reconfigure(encoding="utf-8", errors=stream.errors)
     begin = time.monotonic()
     try:
         args = parser.parse_args(argv)

@@ -192,7 +192,7 @@ def whole_folder(path: Path, replace: bool = False) -> Iterator[Path]:
             yield partial
             if replace and os.path.lexists(path):
                 shutil.rmtree(path)
-            partial.rename(path)
+            _platform.rename_complete(fd, partial, path)
             (path / MARK).unlink()
         finally:
             os.close(fd)

@@ -63,7 +63,7 @@ def claim(file: Path, path: Path) -> int:
 
 
 def rename_complete(descriptor: int, file: Path, target: Path) -> None:
-    """Flushes an open file to the disk, then renames it; it replaces the target."""
+    """Flushes an open file to the disk, then renames it, or the folder that contains it; it replaces the target."""
     os.fsync(descriptor)
     os.replace(file, target)
 
@@ -80,7 +80,14 @@ def open_stream(path: Path) -> BinaryIO:
     return os.fdopen(os.open(path, os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC), "wb")
 
 
+def link_folder(link: Path, folder: Path) -> None:
+    """Makes a link to a folder, which `Path.resolve` follows."""
+    link.symlink_to(folder)
+
+
 # Processes
+
+KILLED = (-signal.SIGTERM, -signal.SIGKILL)  # exit codes of `subprocess` after its `terminate` and `kill`
 
 
 def become(command: Sequence[str]) -> NoReturn:
@@ -165,7 +172,7 @@ def watch_stops(stopped: Callable[[int], object]) -> Callable[[], None]:
 def resident_mb(peak: bool = False) -> float:
     """This process's resident memory, now or at its peak; 0 if the system does not report it."""
     name = "VmHWM" if peak else "VmRSS"
-    with suppress(OSError), open("/proc/self/status") as file:
+    with suppress(OSError), open("/proc/self/status", encoding="ascii") as file:
         return next((float(line.split()[1]) / 1024 for line in file if line.startswith(name)), 0.0)
     return 0.0
 

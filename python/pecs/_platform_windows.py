@@ -78,6 +78,10 @@ def claim(file: Path, path: Path) -> int:
 
 def rename_complete(descriptor: int, file: Path, target: Path) -> None:
     os.fsync(descriptor)
+    if file.is_dir():  # none is renamed with a file open in it
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, descriptor)
+        os.close(null)
     for _ in range(20):  # a scanner for viruses opens new files for a moment
         try:
             return os.replace(file, target)
@@ -98,11 +102,20 @@ def open_stream(path: Path) -> BinaryIO:
     return open(path, "wb")
 
 
+def link_folder(link: Path, folder: Path) -> None:
+    import _winapi
+
+    _winapi.CreateJunction(str(folder), str(link))  # a symbolic link requires a privilege
+
+
 # Processes
+
+KILLED = (1,)
 
 
 def become(command: Sequence[str]) -> NoReturn:
     """Windows replaces no process: this one waits, and ends as the program does."""
+    _end_children_with_this()
     process = subprocess.Popen(command)
     for number in (signal.SIGINT, signal.SIGBREAK):  # which the program gets, too
         signal.signal(number, lambda *_: None)

@@ -1,6 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Builds the Blender extension, dist/pecs_blender-VERSION-linux-x64.zip: the add-on and, inside it, the pecs wheel with
-every library it needs (auditwheel), so that a plain Blender can install it from the file.
+every library it needs (auditwheel), so that a plain Blender can install it from the file. `make_wheels.py --core` builds
+those of other platforms, with the core's wheel.
 
     .venv/bin/python scripts/packaging/make_extension.py [--wheel FILE] [-o FOLDER]
     blender --command extension install-file -r user_default -e dist/pecs_blender-VERSION-linux-x64.zip
@@ -35,11 +36,17 @@ def manual(page: Path) -> str:
     return f'<!doctype html><meta charset="utf-8"><title>PECS in Blender</title><style>{STYLE}</style>\n{body}\n'
 
 
-def manifest(wheel_name: str) -> str:
+def platform_of(wheel: Path) -> str:
+    """Blender's name of the wheel's platform: linux-x64, linux-arm64, windows-x64, macos-arm64, macos-x64."""
+    system, machine = re.search(r"(linux|win|macos).*_(x86_64|amd64|arm64|aarch64)$", wheel.stem).groups()
+    return f"{'windows' if system == 'win' else system}-{'arm64' if machine in ('arm64', 'aarch64') else 'x64'}"
+
+
+def manifest(wheel_name: str, platform: str) -> str:
     lines = (ADD_ON / "blender_manifest.toml").read_text().splitlines()
     lines = [f'version = "{VERSION}"' if line.startswith("version =") else line for line in lines]
     first_table = next(i for i, line in enumerate(lines) if line.startswith("["))
-    lines[first_table:first_table] = [f'wheels = ["./wheels/{wheel_name}"]', 'platforms = ["linux-x64"]', ""]
+    lines[first_table:first_table] = [f'wheels = ["./wheels/{wheel_name}"]', f'platforms = ["{platform}"]', ""]
     return "\n".join(lines) + "\n"
 
 
@@ -48,13 +55,14 @@ def extension(wheel: Path, folder: Path) -> Path:
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         own = with_own_version(wheel, Path(scratch), epoch_s())
         wheel_name, wheel_data = own.name, own.read_bytes()
-    target = folder / f"pecs_blender-{VERSION}-linux-x64.zip"
+    platform = platform_of(wheel)
+    target = folder / f"pecs_blender-{VERSION}-{platform}.zip"
     files = {
         str(path.relative_to(ADD_ON)): path.read_bytes()
         for path in ADD_ON.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    files["blender_manifest.toml"] = manifest(wheel_name).encode()
+    files["blender_manifest.toml"] = manifest(wheel_name, platform).encode()
     files |= {f"manual/{page.stem}.html": manual(page).encode() for page in PAGES}
     files[f"wheels/{wheel_name}"] = wheel_data
     unfinished = target.with_suffix(".partial")

@@ -186,7 +186,7 @@ def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
     camera = cycles.new_camera(name)
     camera.data.type = "CUSTOM"
     camera.data.custom_mode = "EXTERNAL"
-    with cycles.quiet(), open(os.devnull, "w") as null, contextlib.redirect_stderr(null):
+    with cycles.quiet(), open(os.devnull, "w", encoding="utf-8") as null, contextlib.redirect_stderr(null):
         camera.data.custom_filepath = str(compiled)  # the wheel lacks oslquery: a harmless traceback
     return camera
 

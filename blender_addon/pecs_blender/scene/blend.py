@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bpy
 from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
+from pecs._platform import link_folder
 
 from ..spectral.spectra import Spectrum
 from . import content, cycles
@@ -37,7 +38,8 @@ class BlendScene(Source):
         if bpy.context.window:
             bpy.context.window.scene = self.scene
         link = path.absolute().with_name(ORIGINAL)
-        self.folder = link.resolve() if link.is_symlink() else link.parent
+        target = link.resolve()
+        self.folder = link.parent if target == link.parent.resolve() / ORIGINAL else target
         check(path, self.scene, allow_scripts)
         if camera:
             self.scene.camera = _camera(path, self.scene, camera)
@@ -126,8 +128,8 @@ def save_copy(folder: Path) -> Path:
     if bpy.data.filepath:
         caches = f"blendcache_{here.stem}"  # physics baked to the disk
         if here.with_name(caches).is_dir():
-            copy.with_name(caches).symlink_to(here.with_name(caches))
-        copy.with_name(ORIGINAL).symlink_to(here.parent)
+            link_folder(copy.with_name(caches), here.with_name(caches))
+        link_folder(copy.with_name(ORIGINAL), here.parent)
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
     return copy
 

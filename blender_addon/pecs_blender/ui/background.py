@@ -20,14 +20,14 @@ from typing import Any
 
 import bpy
 from pecs._errors import ExitCode
-from pecs._platform import die_with_parent, end_of
+from pecs._platform import KILLED, die_with_parent, end_of
 from pecs._progress import status_of
 
 from . import disk
 from .interface import redraw_panels, wrapped
 
 POLL_S = 0.2  # interval of polls
-STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, -15, -9)  # the last two before its handler is installed
+STOPPED = (ExitCode.INTERRUPTED, ExitCode.TERMINATED, *KILLED)  # KILLED before its handler is installed
 COPIES = "pecs_copy_"  # prefix of the folders of copies that jobs render
 READ_S = 2.0  # timeout for the remaining output of a process that has ended
 MAX_LINES = 10_000  # kept of standard output

@@ -109,7 +109,7 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
         lens = context.scene.pecs.lens
         path = Path(bpy.app.tempdir, f"{Path(lens).stem}.svg")
         with pecs.Lens(library.find("lens", lens)) as prescription:
-            path.write_text(prescription.draw(**settings.lens_options(context.scene)))
+            path.write_text(prescription.draw(**settings.lens_options(context.scene)), encoding="utf-8")
         return paths.open_outside(path)
 
 

@@ -32,7 +32,7 @@ def show_events(job: BackgroundJob) -> str:
     if paths.events(bpy.context.scene).parent == job.output.parent:
         event_view.show(job.output)
     text = job.answer[-1] if job.answer else f"{job.output}: simulated"
-    results = json.loads(Path(f"{job.output}.run.json").read_text())["results"]
+    results = json.loads(Path(f"{job.output}.run.json").read_text(encoding="utf-8"))["results"]
     share, own = (results.get(of, {}).get("share") or 0 for of in ("render_noise", "camera_noise"))
     if share > max(MUCH_NOISE, own):
         text = f"Render noise causes {share:.0%} of the events. Use more samples. {text}"

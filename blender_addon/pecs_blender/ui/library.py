@@ -43,7 +43,7 @@ def title(kind: str, name: str) -> str:
 @lru_cache(maxsize=256)
 def _description(path: Path, _version: int) -> str:
     try:
-        content = json.loads(path.read_text(errors="replace"))
+        content = json.loads(path.read_text(encoding="utf-8", errors="replace"))
         return str(content.get("description") or content.get("name", ""))
     except (OSError, ValueError, AttributeError):  # checks.py reports the error if this one is chosen
         return ""

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "light/float_math.h"
 #include "motion/kernel.h"
 #include "stack/light_kernel.h"
 
@@ -13,7 +14,7 @@ namespace pecs::sensor {
 
 void Residuals::add(double s, std::span<const float> rendered, std::span<const float> warped) {
   for (std::size_t i = 0; i < rendered.size(); ++i) {
-    const float r = std::log(rendered[i] / warped[i]);
+    const float r = log_of(rendered[i] / warped[i]);
     if (std::isfinite(r)) entries_.push_back({static_cast<std::uint32_t>(i), {static_cast<float>(s), r}});
   }
 }
@@ -46,7 +47,7 @@ void Residuals::apply(double s, float* warped, std::size_t begin, std::size_t en
         after = {1, 0};
       }
       const float part = after.s > before.s ? (now - before.s) / (after.s - before.s) : 1.0f;
-      warped[pixels_[i]] *= std::exp(before.r + part * (after.r - before.r));
+      warped[pixels_[i]] *= exp_of(before.r + part * (after.r - before.r));
     }
   });
 }

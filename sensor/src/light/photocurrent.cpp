@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "light/float_math.h"
 #include "pecs/error.h"
 #include "pecs/sensor/random.h"
 #include "stack/light_kernel.h"
@@ -180,7 +181,7 @@ RowSink PhotocurrentReader::disturbance(float* plane) const {
   return [this, plane](int y, int, std::span<const float> noise) {
     float* out = plane + static_cast<std::size_t>(y) * static_cast<std::size_t>(info().file_width());
     for (std::size_t i = 0; i < noise.size(); ++i)
-      if (std::isfinite(noise[i])) out[i] *= std::exp(noise_ * noise[i]);
+      if (std::isfinite(noise[i])) out[i] *= exp_of(noise_ * noise[i]);
   };
 }
 

@@ -1,6 +1,7 @@
 // ESIM: Rebecq, Gehrig, Scaramuzza, "ESIM: an open event camera simulator", CoRL 2018. The logarithm of the picture
 // is linear between frames; an event fires wherever it has changed by a threshold since the last one (Sec. 3.1). Uses
 // the chip's thresholds and refractory period.
+#include "light/float_math.h"
 #include "models/frame_by_frame.h"
 
 namespace pecs::sensor {
@@ -25,7 +26,7 @@ class Esim : public PixelModel {
         batch, range, grey_per_unit_,
         [&](std::uint32_t k, const FramePlane& frame) {
           Pixel& p = pixels_[k];
-          p.log = p.reference = log_of(p.grey = frame.grey(k, 0));
+          p.log = p.reference = log_grey(p.grey = frame.grey(k, 0));
         },
         [&](std::uint32_t k, const FramePlane& frame, const FrameInterval& t) {
           step(pixels_[k], k, frame, t, events);
@@ -38,12 +39,12 @@ class Esim : public PixelModel {
     double last_us = -1e300;
   };
 
-  float log_of(float grey) const { return std::log(grey / 255 + log_eps_); }
+  float log_grey(float grey) const { return log_of(grey / 255 + log_eps_); }
 
   void step(Pixel& p, std::uint32_t pixel, const FramePlane& frame, const FrameInterval& t, EventSlots& events) {
     const float grey = frame.grey(pixel, p.grey);
     if (grey == p.grey) return;
-    const float log = log_of(grey);
+    const float log = log_grey(grey);
     const bool on = log > p.log;
     for (float next = p.reference + (on ? on_ : -off_); on ? next <= log : next >= log; next += on ? on_ : -off_) {
       const double t_us = t.begin_us + (t.end_us - t.begin_us) * static_cast<double>(next - p.log) / (log - p.log);

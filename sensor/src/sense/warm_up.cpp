@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "light/float_math.h"
+
 namespace pecs::sensor {
 namespace {
 
@@ -44,7 +46,7 @@ bool WarmUp::warm(const Plane& first, const Plane& second) {
   std::vector<std::vector<float>> per_us(lights, std::vector<float>(pixels_));  // change of ln I
   for (std::size_t k = 0; k < lights && second.t_us > first.t_us; ++k)
     for (std::size_t i = 0; i < pixels_; ++i) {
-      const float change = std::log(second.light[k][i] / first.light[k][i]);
+      const float change = log_of(second.light[k][i] / first.light[k][i]);
       per_us[k][i] = std::isfinite(change) ? change / static_cast<float>(second.t_us - first.t_us) : 0;
     }
   std::vector<std::vector<float>> planes(kPlanes * lights, std::vector<float>(pixels_));
@@ -63,7 +65,7 @@ bool WarmUp::warm(const Plane& first, const Plane& second) {
         const float slope = per_us[of][i];
         float change = std::clamp(slope * before_us, -kMostChange, kMostChange);
         if (begin + k == 0) change += slope > 0 ? kTouch : slope < 0 ? -kTouch : 0;
-        planes[plane][i] = first.light[of][i] * (change == 0 ? 1 : std::exp(-change));
+        planes[plane][i] = first.light[of][i] * (change == 0 ? 1 : exp_of(-change));
       }
     });
     if (!before_(batch)) return false;
