@@ -16,13 +16,9 @@ mkdir -p "$OUT"
 
 # A quarter of the sensor's resolution, so that two cores render half a turn in minutes: each pixel is a full pixel of the
 # chip, on a grid four times coarser; the recording is thinned to the same grid. The parameters are those of R_360_L.
-settings=$("$PY" -c 'import json, sys
-for key, value in json.load(open(sys.argv[1]))["parameters"].items(): print(f"--set={key}={value}")' \
-  scenes/rotating_disk/sequences/R_360_L.json)
 say render
-# shellcheck disable=SC2086
 "$PY" -m pecs_blender render scenes/rotating_disk -o $OUT/stack --fps 2800 --frames period --width 320 --height 180 \
-  --time adaptive --overwrite $settings
+  --time adaptive --overwrite --set @scenes/rotating_disk/sequences/R_360_L.json
 
 report_inputs=(--sim $OUT/sim.raw --stack $OUT/stack --lens-svg $OUT/lens.svg)
 start_us=0

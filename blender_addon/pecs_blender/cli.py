@@ -97,7 +97,7 @@ def _job_options(command) -> None:
 
 def _scene_options(command) -> None:
     add = command.add_argument
-    text = "set a parameter of the scene folder; @FILE sets those of an aligned.json"
+    text = "set a parameter of the scene folder; @FILE sets those of an aligned.json or a sequence"
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
     add("--place", type=Path, metavar="FILE", help="JSON file of objects from other files to add to the scene")
     add("--scene-name", help="scene of the .blend; by default the active one")

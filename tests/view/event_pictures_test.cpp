@@ -164,6 +164,7 @@ TEST_F(Pictures, PageEscapesItsTexts) {
                                    {"speed_most_m_s", "speed highest (m/s)"},
                                    {"on_share", "share of ON events"},
                                    {"corner_hz_p05", "corner (Hz), 5 % are below"},
+                                   {"motion_median_px_s", "motion median (px/s)"},
                                    {"m", "m"},
                                    {"", ""},
                                    {"_s", "s"},

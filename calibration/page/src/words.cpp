@@ -49,9 +49,9 @@ constexpr std::array kStatistics = {
 // Longer endings first.
 constexpr std::array kUnits = {
     Words{"_m_per_s", "m/s"}, Words{"_deg_s", "°/s"}, Words{"_m_s", "m/s"}, Words{"_deg", "°"}, Words{"_lux", "lx"},
-    Words{"_px", "px"},       Words{"_hz", "Hz"},     Words{"_us", "µs"},   Words{"_ms", "ms"}, Words{"_ns", "ns"},
-    Words{"_mm", "mm"},       Words{"_um", "µm"},     Words{"_nm", "nm"},   Words{"_pa", "pA"}, Words{"_m", "m"},
-    Words{"_s", "s"},         Words{"_a", "A"},
+    Words{"_px_s", "px/s"},   Words{"_px", "px"},     Words{"_hz", "Hz"},   Words{"_us", "µs"}, Words{"_ms", "ms"},
+    Words{"_ns", "ns"},       Words{"_mm", "mm"},     Words{"_um", "µm"},   Words{"_nm", "nm"}, Words{"_pa", "pA"},
+    Words{"_m", "m"},         Words{"_s", "s"},       Words{"_a", "A"},
 };
 
 constexpr std::array kParts = {
@@ -62,6 +62,7 @@ constexpr std::array kParts = {
     Words{"most", "highest"},
     Words{"least", "lowest"},
     Words{"worst", "largest error"},
+    Words{"p90", "90 % are below"},
     Words{"p99", "99 % are below"},
     Words{"qe", "quantum efficiency"},
 };

@@ -398,7 +398,8 @@ std::string shift_sentence(const metrics::TimeShift& shift) {
   if (shift.correlation < kLeastCorrelation) return fmt::format("No time shift aligns the two ({}).", at);
   return fmt::format(
       "The two agree best when the simulation is shifted by {:+.2f} ms ({}). Pictures and scores show it without that "
-      "shift.",
+      "shift. Times count from the first event of each: if the recording's is not at 0, `pecs sense --start` takes its "
+      "time.",
       -shift.shift_us * 1e-3, at);
 }
 

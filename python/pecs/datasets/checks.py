@@ -81,6 +81,7 @@ def outside(found: dict[str, Any], limits: dict[str, float]) -> list[str]:
             own = camera.get("events", {}).get("camera_noise_share", 0.0) if key == "render_noise_share" else 0.0
             if value is not None and value > max(limits[key], own):
                 more = f" (of the camera's own noise: {own:.3g})" if own else ""
+                more += "; more [render] samples reduce it" if key == "render_noise_share" else ""
                 lines.append(f"{name}: {key} is {value:.3g}, limit {limits[key]:g}{more}")
     fastest, limit = found["motion"]["speed_most_m_s"], limits.get("speed_m_per_s")
     if limit is not None and fastest > limit:

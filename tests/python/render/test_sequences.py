@@ -19,8 +19,8 @@ def test_all_are_there_and_fit_their_scenes():
     assert sequences.names() == ["R_360_H", "R_360_L", "R_60_H", "T_0.6_H", "T_1_H", "T_1_L"]
     for name in sequences.names():
         s = sequences.load(name)
-        scene = load_scene(s.scene, [f"{k}={v}" for k, v in s.parameters.items()])
-        assert set(s.parameters) == set(scene.parameters), name  # nothing is left to a default that may move
+        scene = load_scene(s.scene, [f"@{s.scene}/sequences/{name}.json"])
+        assert s.parameters == scene.parameters, name  # nothing is left to a default that may move
 
 
 @pytest.mark.parametrize("coarser", [1, 2, 4, 8])
