@@ -36,10 +36,10 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
       stages_(options.stages, timeline.source().info().width, timeline.source().info().height) {
   const StackInfo& info = timeline.source().info();
   const bool inside = options.frames == options.output;
+  if (options.dropped) dropped_file_.emplace(*options.dropped, options.stages);  // first: it may be refused
   writer_ = events::open_writer(options.output, {info.width, info.height, chip.name, inside}, options.format);
   if (options.frames && !inside) frame_folder_.emplace(*options.frames, info.width, info.height);
   if (options.labels) causes_.emplace(*options.labels, "'|u1'");
-  if (options.dropped) dropped_file_.emplace(*options.dropped, options.stages);
   if (!options.ideal_readout && !is_ideal_readout(chip)) readout_.emplace(chip, info.width, info.height, options.seed);
 }
 

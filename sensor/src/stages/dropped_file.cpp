@@ -34,9 +34,8 @@ void NpyFile::commit() {
 }
 
 DroppedFile::DroppedFile(const std::filesystem::path& path, const StageOptions& stages)
-    : file_(path, "[('t', '<i8'), ('x', '<u2'), ('y', '<u2'), ('p', '|u1'), ('stage', '|u1')]") {
-  if (!stages.any()) throw Error(ExitCode::usage, fmt::format("{}: no stage drops events", path.string()));
-}
+    : file_(stages.any() ? path : throw Error(ExitCode::usage, fmt::format("{}: no stage drops events", path.string())),
+            "[('t', '<i8'), ('x', '<u2'), ('y', '<u2'), ('p', '|u1'), ('stage', '|u1')]") {}
 
 void DroppedFile::write(std::span<const DroppedEvent> dropped) {
   std::vector<std::byte> bytes;
