@@ -165,8 +165,8 @@ TEST(Causes, EachAloneIsNamed) {
   EXPECT_EQ(part(labelled(shot, 100, 0, 0.2), Cause::noise), 1);
 }
 
-// An exposure steps the output of every pixel up at its begin and down at its end, in any light. The output relaxes with
-// the amplifier's time constant, so a pixel that fired, and saw again within it, fires back.
+// An exposure steps the output of every pixel up at its begin and down at its end, in any light. The output relaxes
+// with the amplifier's time constant, so a pixel that fired, and saw again within it, fires back.
 TEST(Causes, ExposuresFireUpAndDownAtTheFrameClock) {
   Chip chip = without_noise(load_chip("davis346"));
   chip.frame_row_s = 1e-5;

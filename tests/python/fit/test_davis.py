@@ -54,7 +54,7 @@ def test_the_command_writes_a_profile_that_a_chip_reads(recording, tmp_path):
     out, report, numbers = (tmp_path / name for name in ("my.json", "fit.html", "numbers.json"))
     done = run("--davis", recording, "-o", out, "--chip", "davis240c", "--pixels", 128, "--report", report,
                "--numbers", numbers)  # fmt: skip
-    assert "contrast_threshold_on: 0.2" in done.stdout and "leak_rate_hz: kept at 0.09" in done.stdout
+    assert "contrast_threshold_on: 0.2" in done.stdout and "leak_rate_hz: kept at 0.037" in done.stdout
     values = json.loads(numbers.read_text())["values"]
     chip = pecs.Chip(out).info["values"]
     for key in ("contrast_threshold_on", "frame_step", "frame_period_s"):
