@@ -190,7 +190,7 @@ def still(folder, seed, picture):
         draw(recorded, simulated, picture)
 
 
-def moving(folder, seed, first, last):
+def moving(folder, seed, picture, first, last):
     events = dict(np.load(folder / "events.npz"))
     centre = grey(folder, CENTRE)
     poses = {k: pose_of(centre, grey(folder, k)) for k in SHARP}
@@ -216,6 +216,8 @@ def moving(folder, seed, first, last):
     print(f"within 15 %: {np.sum(np.abs(ratio - 1) < 0.15)}, maps of 0.9: {np.sum(maps >= 0.9)}, "
           f"median interval within 0.1 decades: {np.sum(np.abs(gaps[:, 2]) < 0.1)} of {len(rows)} windows; "
           f"all events {sum(row[1] for row in rows) / sum(row[0] for row in rows):.3f}")  # fmt: skip
+    if picture:
+        draw_maps(recorded, simulated, picture)
 
 
 def draw(recorded, simulated, path):
@@ -235,18 +237,30 @@ def draw(recorded, simulated, path):
     figure.savefig(path, dpi=70)
 
 
+def draw_maps(recorded, simulated, path):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 3, figsize=(12, 6.2), layout="constrained")
+    for column, k in zip(axes.T, (12, 15, 22), strict=True):
+        for axis, name, (t_us, pixel, _) in zip(column, ("recorded", "simulated"), (recorded, simulated), strict=True):
+            counts = np.bincount(pixel[t_us // PERIOD_US == k - 2], minlength=WIDTH * HEIGHT)
+            axis.imshow(counts.reshape(HEIGHT, WIDTH), vmax=20, cmap="magma")
+            axis.set(title=f"{name}, window {k}: {counts.sum():,} events", xticks=[], yticks=[])
+    figure.savefig(path, dpi=70)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("still", "moving"))
     parser.add_argument("recording", type=Path, metavar="FOLDER")
-    parser.add_argument("-o", "--output", type=Path, help="still: PNG of the event rate over the frame clock")
+    parser.add_argument("-o", "--output", type=Path, help="PNG of rates over the frame clock, or of maps")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--windows", type=int, nargs=2, default=(3, 30), metavar="K", help="moving: first and last")
     args = parser.parse_args()
     if args.kind == "still":
         still(args.recording, args.seed, args.output)
     else:
-        moving(args.recording, args.seed, *args.windows)
+        moving(args.recording, args.seed, args.output, *args.windows)
 
 
 if __name__ == "__main__":
