@@ -1,58 +1,145 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""Events by frames of a DAVIS240C, recorded and simulated: the table and picture of docs/reference/sensor.md.
+"""A DAVIS240C, recorded and simulated: tables of docs/reference/sensor.md and docs/studies/validation.md.
 
-The recording (still windows of EDI's camerashake, Pan et al., CVPR 2019) is not in the repository: FOLDER has still.npz
-(t in us, x, y, p of three windows, each from a frame's readout to the next) and frames/0032.png to 0034.png. The light
-is the mean frame times a lamp's flicker, whose depth and phase are part of the fit.
+The recording (EDI's camerashake, Pan et al., CVPR 2019) is not in the repository: FOLDER has events.npz, still.npz (t
+in us, x, y, p) and frames/NNNN.png. Window k begins with the exposure of frame k, and lasts until the next one.
+
+still: windows 32 to 34, the light of the mean frame. moving: the sharp frames as one texture, moved to where the events
+of each 4 ms have its edges; thresholds and numbers of events have no part in that. A lamp flickers in both.
 """
 
 import argparse
-import tempfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pecs
-from pecs.stack import StackWriter
 from PIL import Image
+from scipy.ndimage import gaussian_filter1d
 
-CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, -621.0
-IRRADIANCE, BLACK_DN, WHITE_DN, DARKEST = 3.2e-4, 5, 240, 0.02  # of white; 4.8e-13 A
-LAMP_HZ, LAMP_DEPTH, LAMP_PHASE = 100.4, 0.06, 1.7
-LEAD_US = PERIOD_US - BEGIN_US  # the first exposure begins at 0, one period before the recording
-
-
-def light(folder):
-    """Irradiance [H, W] in relative units, of the mean frame."""
-    paths = sorted((folder / "frames").glob("003[234].png"))
-    grey = np.mean([np.asarray(Image.open(path), float) for path in paths], 0)
-    return np.clip((grey - BLACK_DN) / (WHITE_DN - BLACK_DN), DARKEST, None)
+CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, -471.0
+WHITE_A, BLACK_DN, WHITE_DN, DARKEST = 4.5e-13, 4, 235, 0.03
+LAMP_HZ, LAMP_DEPTH, LAMP_TURN = 100.146, 0.1125, -0.008
+SHARED, SHARED_TURN = 0.0294, 0.447  # a current that all pixels share, of white, and its lag behind the lamp
+SHARP, CENTRE, MUG_DN = (2, 6, 7, 8, 13, 17, 20, 23, 26), 20, 28  # frames; grey value of the mug in frames of still.npz
+EDGE_PX, SLICE_US, SMOOTH, DRAG, CHANCE = 40, 4000, 2.5, 0.3, 0.02  # CHANCE: of noise events
+LEAD_US = 2 * PERIOD_US
+SHAKE_PX, SHAKE_HZ = 5, 2.5
 
 
-def simulate(folder, out, seed):
-    """The events of three periods, as recorded()."""
-    frames, step_us = int(np.ceil((LEAD_US + 3 * PERIOD_US) / 1000)) + 2, 1000
-    stack = {"pecs_stack": 1, "quantity": "irradiance", "width": WIDTH, "height": HEIGHT, "pixel_pitch_m": 1.85e-5}
-    stack |= {"bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "period_ns": None, "lens": None}
-    stack |= {"times_ns": [1_000_000 * i for i in range(frames)], "scene": {}, "render": {}, "versions": {}}
-    still = IRRADIANCE * light(folder)
-    with StackWriter(out / "stack", stack) as writer:
-        for i in range(frames):
-            turn = 2e-6 * np.pi * LAMP_HZ * (step_us * i - LEAD_US) - LAMP_PHASE
-            writer.write_frame(i, np.float32(still * (1 + LAMP_DEPTH * np.cos(turn)))[None])
-    pecs.sense(out / "stack", out / "events.npz", chip=CHIP, frames=out / "frames", seed=seed)
-    return of_windows(pecs.read(out / "events.npz"), LEAD_US)
+def grey(folder, k):
+    """A frame whose darkest pixels have the mug's value: the value without light differs from frame to frame."""
+    values = np.asarray(Image.open(folder / f"frames/{k:04}.png"), np.float32)
+    return values - np.quantile(values, 0.02) + MUG_DN
 
 
-def of_windows(events, begin_us):
-    t_us = events["t"] - begin_us
-    inside = (t_us >= 0) & (t_us < 3 * PERIOD_US)
+def light(values):
+    return np.clip((values - BLACK_DN) / (WHITE_DN - BLACK_DN), DARKEST, None)
+
+
+def simulate(light_at, first, last, seed):
+    """Events of windows first to last; light_at(t_us): relative light. Window 2 begins at 0."""
+    begin_us, end_us = (first - 2) * PERIOD_US, (last - 1) * PERIOD_US
+    t_us = np.arange(begin_us - LEAD_US + BEGIN_US, end_us + 2000, 1000)
+    found = []
+    with pecs.Sensor(
+        WIDTH, HEIGHT, CHIP, seed=seed, photocurrent_a=WHITE_A, chip_frames=True, time_unit="us"
+    ) as sensor:
+        for i in range(0, len(t_us), 64):
+            turn = 2 * np.pi * (1e-6 * LAMP_HZ * t_us[i : i + 64] - LAMP_TURN)
+            lamp = np.stack([1 + LAMP_DEPTH * np.cos(turn), SHARED * np.cos(turn - 2 * np.pi * SHARED_TURN)], 1)
+            planes = [light_at(t) * a + b for t, (a, b) in zip(t_us[i : i + 64], lamp, strict=True)]
+            found.append(sensor.push(np.maximum(planes, 1e-3).astype(np.float32), t_us[i : i + 64] - t_us[0]))
+            sensor.take_frames()
+        found.append(sensor.finish())
+    events = np.concatenate(found)
+    return of_windows(events["t"] + t_us[0], events, first, last)
+
+
+def of_windows(t_us, events, first, last):
+    inside = (t_us >= (first - 2) * PERIOD_US) & (t_us < (last - 1) * PERIOD_US)
     pixels = events["y"].astype(int) * WIDTH + events["x"]
-    return t_us[inside], pixels[inside], events["p"][inside].astype(int)
+    return np.asarray(t_us, float)[inside], pixels[inside], np.asarray(events["p"], int)[inside]
 
 
-def scores(t_us, pixel, p):
+def pose_of(reference, frame):
+    """x, y [px] and turn of a frame against the reference."""
+    window = cv2.createHanningWindow((WIDTH, HEIGHT), cv2.CV_32F)
+    start = np.float32([[1, 0, 0], [0, 1, 0]])
+    start[:, 2] = cv2.phaseCorrelate(reference.copy(), frame.copy(), window)[0]  # it changes its arguments
+    steps = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7
+    _, m = cv2.findTransformECC(reference, frame, start, cv2.MOTION_EUCLIDEAN, steps, None, 3)
+    return np.array([m[0, 2], m[1, 2], np.arctan2(m[1, 0], m[0, 0])])
+
+
+def frame_from_texture(pose):
+    turn = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
+    return np.c_[turn, pose[:2] - turn @ [EDGE_PX, EDGE_PX]]
+
+
+def view(texture, pose):
+    m = cv2.invertAffineTransform(frame_from_texture(pose))
+    how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(texture, m, (WIDTH, HEIGHT), flags=how, borderMode=cv2.BORDER_REPLICATE)
+
+
+def texture_of(folder, poses):
+    """The mean of the sharp frames, at the centre's pose; less of each frame's border counts."""
+    size = WIDTH + 2 * EDGE_PX, HEIGHT + 2 * EDGE_PX
+    inside = [np.minimum(np.arange(n) + 1, n - np.arange(n)) for n in (HEIGHT, WIDTH)]
+    inside = np.minimum(np.minimum.outer(*inside), 20).astype(np.float32)
+    total, weights = np.zeros(size[::-1]), np.zeros(size[::-1])
+    for k, pose in poses.items():
+        m, how = frame_from_texture(pose), cv2.WARP_INVERSE_MAP
+        weight = cv2.warpAffine(inside, m, size, flags=how | cv2.INTER_LINEAR)
+        frame = cv2.warpAffine(grey(folder, k), m, size, flags=how | cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        if weights.any():
+            both = (weight > 5) & (weights > 5)
+            gain, offset = np.polyfit(frame[both], total[both] / weights[both], 1)
+            frame = gain * frame + offset
+        total, weights = total + weight * frame, weights + weight
+    mean = (total / np.maximum(weights, 1e-6)).astype(np.float32)
+    return cv2.inpaint(mean, (weights < 1).astype(np.uint8), 3, cv2.INPAINT_NS)
+
+
+def path_of(texture, poses, events):
+    """Pose every SLICE_US from 0 on: x where the events of a slice correlate most with the texture's slope in x, if
+    they do, else at the speed so far; y and turn between those of the sharp frames."""
+    middles_us = [(k - 2) * PERIOD_US + BEGIN_US + 50e3 for k in poses]
+    t_us = np.arange(0, events["t"][-1], SLICE_US)
+    path = np.stack([np.interp(t_us, middles_us, [pose[i] for pose in poses.values()]) for i in range(3)], 1)
+    clock_us = (events["t"] - BEGIN_US) % PERIOD_US
+    calm = ~(((clock_us > 99.5e3) & (clock_us < 102e3)) | (clock_us < 2e3))  # without the bursts by frames
+    first = np.searchsorted(events["t"], [*t_us, np.inf])
+    x, speed, shifts = path[0, 0], 0.0, np.arange(-3, 4)
+    for i in range(len(t_us)):
+        mine = slice(first[i], first[i + 1])
+        y_px, x_px, sign = (events[c][mine][calm[mine]].astype(int) for c in "yxp")
+        change = np.zeros((HEIGHT, WIDTH), np.float32)
+        np.add.at(change, (y_px, x_px), 2 * sign - 1)
+        change = cv2.GaussianBlur(change, (0, 0), 1)[8:-8, 8:-8]
+        seen = cv2.GaussianBlur(np.log(light(view(texture, (x, *path[i, 1:])))), (0, 0), 1)
+        slope = cv2.Sobel(seen, cv2.CV_32F, 1, 0)[8:-8]
+        slopes = [slope[:, 8 - d : WIDTH - 8 - d] for d in shifts]
+        agrees = np.array([np.sum(change * s) ** 2 / max(np.sum(s**2) * np.sum(change**2), 1e-9) for s in slopes])
+        k = np.clip(np.argmax(agrees), 1, len(shifts) - 2)
+        bend = agrees[k - 1] - 2 * agrees[k] + agrees[k + 1]
+        best = shifts[k] + np.clip((agrees[k - 1] - agrees[k + 1]) / (2 * bend) if bend < 0 else 0, -1, 1)
+        weight = np.clip((agrees.max() - CHANCE) / 0.1, 0, 1)
+        path[i, 0] = x + DRAG * weight * best
+        speed = (speed + 0.25 * DRAG * weight * best) * (0.8 + 0.2 * weight)
+        x = path[i, 0] + speed
+    t_us = t_us + SLICE_US / 2
+    for i in range(3):
+        path[:, i] = gaussian_filter1d(path[:, i], SMOOTH)
+    misses = [pose[0] - np.interp(t, t_us, path[:, 0]) for t, pose in zip(middles_us, poses.values(), strict=True)]
+    path[:, 0] += np.interp(t_us, middles_us, misses)
+    return t_us, path
+
+
+def still_scores(t_us, pixel, p):
     """Numbers of each window, and of the pixels' counts."""
-    window, phase_us = (t_us // PERIOD_US).astype(int), t_us % PERIOD_US
+    window, phase_us = (t_us // PERIOD_US).astype(int) - 30, t_us % PERIOD_US
     bursts = {"OFF burst": (phase_us > 99000) & (phase_us < 101000), "ON burst": phase_us > 137000}
     bursts["after"] = phase_us < 6000
     bursts["between"] = ~np.any(list(bursts.values()), 0)
@@ -60,10 +147,77 @@ def scores(t_us, pixel, p):
     for name, which in bursts.items():
         rows[name] = [int((which & (window == k)).sum()) for k in range(3)]
         rows[name + ", ON share"] = [round(float(p[which & (window == k)].mean()), 3) for k in range(3)]
+        rows[name + ", median time [ms]"] = [
+            round(float(np.median(phase_us[which & (window == k)])) / 1000, 2) for k in range(3)
+        ]
     counts = np.bincount(pixel, minlength=WIDTH * HEIGHT)
     rows["silent pixels"] = round(float((counts == 0).mean()), 3)
     rows["counts at 50, 75, 90, 99, 99.9 %"] = np.quantile(counts, [0.5, 0.75, 0.9, 0.99, 0.999]).round(1).tolist()
     return rows
+
+
+def moving_scores(recorded, simulated, k):
+    """Of window k: numbers of events, their ratio, correlation of maps of 8x8 pixels, ON shares, and the simulated
+    less the recorded logarithm (base 10) of a pixel's intervals at 10, 25, 50, 75 and 90 %."""
+    maps, intervals, shares = [], [], []
+    for t_us, pixel, p in (recorded, simulated):
+        mine = t_us // PERIOD_US == k - 2
+        y, x = np.divmod(pixel[mine], WIDTH)
+        maps.append(np.histogram2d(y, x, [np.arange(0, 177, 8), np.arange(0, 241, 8)])[0].ravel())
+        order = np.lexsort((t_us[mine], pixel[mine]))
+        gaps_us = np.diff(t_us[mine][order])[np.diff(pixel[mine][order]) == 0]
+        intervals.append(np.quantile(np.log10(np.maximum(gaps_us, 1)), [0.1, 0.25, 0.5, 0.75, 0.9]))
+        shares.append(float(p[mine].mean()))
+    numbers = [int((e[0] // PERIOD_US == k - 2).sum()) for e in (recorded, simulated)]
+    return *numbers, numbers[1] / numbers[0], np.corrcoef(maps)[0, 1], *shares, intervals[1] - intervals[0]
+
+
+def shaken(picture, t_us):
+    """Before time 0, the picture moves as the camera did: pixels begin far from equilibrium."""
+    x_px = SHAKE_PX * (1 - np.cos(2e-6 * np.pi * SHAKE_HZ * t_us)) if t_us < 0 else 0.0
+    m = np.float32([[1, 0, x_px], [0, 1, 0]])
+    return cv2.warpAffine(picture, m, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE) if x_px else picture
+
+
+def still(folder, seed, picture):
+    events = np.load(folder / "still.npz")
+    mean = light(np.mean([grey(folder, k) for k in (32, 33, 34)], 0))
+    simulated = simulate(lambda t_us: shaken(mean, t_us - 30 * PERIOD_US), 32, 34, seed)
+    recorded = of_windows(events["t"], events, 32, 34)
+    for name, of_recording in still_scores(*recorded).items():
+        print(f"{name:35} {of_recording!s:32} {still_scores(*simulated)[name]}")
+    if picture:
+        draw(recorded, simulated, picture)
+
+
+def moving(folder, seed, picture, first, last):
+    events = dict(np.load(folder / "events.npz"))
+    centre = grey(folder, CENTRE)
+    poses = {k: pose_of(centre, grey(folder, k)) for k in SHARP}
+    texture = texture_of(folder, poses)
+    t_us, path = path_of(texture, poses, events)
+
+    def seen(now_us):
+        return view(texture, [np.interp(now_us, t_us, path[:, i]) for i in range(3)])
+
+    simulated = simulate(lambda now_us: light(seen(now_us)), first, last, seed)
+    recorded = of_windows(events["t"], events, first, last)
+    print("window  recorded simulated ratio  map  ON rec  sim  intervals [decades]      re-blurred frame")
+    rows = [moving_scores(recorded, simulated, k) for k in range(first, last + 1)]
+    for k, (n, m, ratio, maps, on, on_sim, gaps) in enumerate(rows, first):
+        exposed_us = (k - 2) * PERIOD_US + BEGIN_US + np.linspace(2e3, 98e3, 25)
+        blurred = np.mean([seen(now_us) for now_us in exposed_us], 0)
+        same = np.corrcoef(blurred[10:-10, 10:-10].ravel(), grey(folder, k)[10:-10, 10:-10].ravel())[0, 1]
+        print(
+            f"{k:6} {n:9} {m:9} {ratio:5.2f} {maps:5.3f} {on:5.3f} {on_sim:5.3f} {np.round(gaps, 2)!s:32} {same:.4f}",
+            flush=True,
+        )
+    ratio, maps, gaps = (np.array([row[i] for row in rows]) for i in (2, 3, 6))
+    print(f"within 15 %: {np.sum(np.abs(ratio - 1) < 0.15)}, maps of 0.9: {np.sum(maps >= 0.9)}, "
+          f"median interval within 0.1 decades: {np.sum(np.abs(gaps[:, 2]) < 0.1)} of {len(rows)} windows; "
+          f"all events {sum(row[1] for row in rows) / sum(row[0] for row in rows):.3f}")  # fmt: skip
+    if picture:
+        draw_maps(recorded, simulated, picture)
 
 
 def draw(recorded, simulated, path):
@@ -72,31 +226,41 @@ def draw(recorded, simulated, path):
     figure, axes = plt.subplots(4, 1, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
     edges = np.arange(0, PERIOD_US, 500)
     for axis, (name, (t_us, _, p), k) in zip(
-        axes, [(n, e, k) for k in (0, 2) for n, e in (("recorded", recorded), ("simulated", simulated))], strict=True
+        axes, [(n, e, k) for k in (32, 34) for n, e in (("recorded", recorded), ("simulated", simulated))], strict=True
     ):
         for polarity, colour, label in ((0, "tab:orange", "OFF"), (1, "tab:blue", "ON")):
-            t = t_us[(p == polarity) & (t_us // PERIOD_US == k)] % PERIOD_US
+            t = t_us[(p == polarity) & (t_us // PERIOD_US == k - 2)] % PERIOD_US
             axis.step(edges[:-1] / 1000, np.histogram(t, edges)[0] * 2, color=colour, label=label, lw=0.9)
-        axis.set(title=f"{name}, window {32 + k}", yscale="symlog", ylabel="events/ms")
+        axis.set(title=f"{name}, window {k}", yscale="symlog", ylabel="events/ms")
     axes[0].legend(loc="upper left")
-    axes[-1].set_xlabel("ms after the window's begin; exposures end at 99.5 ms, the next begins at 137.5 ms")
+    axes[-1].set_xlabel("ms after the window's begin; exposures end at 99.6 ms, the next begins at 137.65 ms")
+    figure.savefig(path, dpi=70)
+
+
+def draw_maps(recorded, simulated, path):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 3, figsize=(12, 6.2), layout="constrained")
+    for column, k in zip(axes.T, (12, 15, 22), strict=True):
+        for axis, name, (t_us, pixel, _) in zip(column, ("recorded", "simulated"), (recorded, simulated), strict=True):
+            counts = np.bincount(pixel[t_us // PERIOD_US == k - 2], minlength=WIDTH * HEIGHT)
+            axis.imshow(counts.reshape(HEIGHT, WIDTH), vmax=20, cmap="magma")
+            axis.set(title=f"{name}, window {k}: {counts.sum():,} events", xticks=[], yticks=[])
     figure.savefig(path, dpi=70)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("still", "moving"))
     parser.add_argument("recording", type=Path, metavar="FOLDER")
-    parser.add_argument("-o", "--output", type=Path, help="PNG of the event rate over the frame clock")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, help="PNG of rates over the frame clock, or of maps")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--windows", type=int, nargs=2, default=(3, 30), metavar="K", help="moving: first and last")
     args = parser.parse_args()
-    still = np.load(args.recording / "still.npz")
-    recorded = of_windows(still, still["t"].min())
-    with tempfile.TemporaryDirectory() as folder:
-        simulated = simulate(args.recording, Path(folder), args.seed)
-    for name, of_recording in scores(*recorded).items():
-        print(f"{name:35} {of_recording!s:32} {scores(*simulated)[name]}")
-    if args.output:
-        draw(recorded, simulated, args.output)
+    if args.kind == "still":
+        still(args.recording, args.seed, args.output)
+    else:
+        moving(args.recording, args.seed, args.output, *args.windows)
 
 
 if __name__ == "__main__":

@@ -165,28 +165,30 @@ TEST(Causes, EachAloneIsNamed) {
   EXPECT_EQ(part(labelled(shot, 100, 0, 0.2), Cause::noise), 1);
 }
 
-// An exposure's charge steps V of every pixel up at its begin and down at its end, and V relaxes to the light between.
+// An exposure steps the output of every pixel up at its begin and down at its end, in any light. The output relaxes
+// with the amplifier's time constant, so a pixel that fired, and saw again within it, fires back.
 TEST(Causes, ExposuresFireUpAndDownAtTheFrameClock) {
   Chip chip = without_noise(load_chip("davis346"));
   chip.frame_row_s = 1e-5;
-  chip.refractory_period_s = 0.005;  // the amplifier has settled
-  const auto fired = [&](double step, double light_fa = 0.1) {
+  const auto fired = [&](double step, double refractory, double light_fa = 0.1) {
     chip.frame_step = step * chip.contrast_threshold_on;
+    chip.refractory_period_s = refractory / (2 * std::numbers::pi * chip.amplifier_cutoff_hz);
     return labelled(chip, light_fa, 0, 0.2);
   };
-  EXPECT_EQ(fired(1.5).events.size(), 0);  // only on request
+  EXPECT_EQ(fired(1.5, 10).events.size(), 0);  // only on request
   chip.takes_frames = true;
-  EXPECT_EQ(fired(0.95).events.size(), 0);
-  const LabelledEvents all = fired(1.5);
-  EXPECT_EQ(part(all, Cause::frame), 1);
-  EXPECT_EQ(all.events.size(), 60 * 60 * 2 * 5);  // 5 frames in 0.2 s
-  for (const Event& e : all.events) {
-    const double begin_us = std::fmod(static_cast<double>(e.t_us), 1e6 * chip.frame_period_s) - 10 * e.y;
-    // The amplifier passes two thirds of the step within ln(3) of its time constant.
-    const double passed_us = 1e6 * std::log(3) / (2 * std::numbers::pi * chip.amplifier_cutoff_hz);
-    EXPECT_NEAR(begin_us, passed_us + (e.p ? 0 : 1e6 * chip.frame_exposure_s), 0.05 * passed_us);
+  EXPECT_EQ(fired(0.95, 10).events.size(), 0);
+  for (const double light_fa : {0.1, 1e7}) {
+    const LabelledEvents all = fired(1.5, 10, light_fa);
+    EXPECT_EQ(part(all, Cause::frame), 1);
+    EXPECT_EQ(all.events.size(), 60 * 60 * 2 * 5);  // 5 frames in 0.2 s
+    for (const Event& e : all.events) {
+      const double begin_us = std::fmod(static_cast<double>(e.t_us), 1e6 * chip.frame_period_s) - 10 * e.y;
+      EXPECT_NEAR(begin_us, e.p ? 0 : 1e6 * chip.frame_exposure_s, 1);
+    }
   }
-  EXPECT_EQ(fired(1.5, 1e7).events.size(), 0);  // a photoreceptor that is faster than the amplifier undoes the step
+  EXPECT_EQ(fired(1.5, std::log(1.6)).events.size(), 60 * 60 * 2 * 5);  // 1.5 / 1.6 thresholds are left to go back
+  EXPECT_EQ(fired(1.5, std::log(1.4)).events.size(), 60 * 60 * 4 * 5);
 }
 
 TEST(Causes, SignalAmongLeakIsTheLargerPart) {

@@ -43,7 +43,11 @@ def sensor_problems(scene) -> list[Problem]:
     known = settings.parameters(scene.pecs)
     wrong = [text for one in scene.pecs.sensor.overrides if (text := settings.override_error(one, known))]
     wrong = wrong or [text for text in [settings.sensor_error(scene)] if text]
-    return [*map(Problem, wrong), *_folder_problems(paths.events(scene).parent)]
+    events = paths.events(scene)
+    frames = settings.frames_path(scene, events)
+    if frames and frames != events and disk.is_folder(frames):
+        wrong.append(f"{frames}: exists. Rename or delete it, or write an .aedat4 file")
+    return [*map(Problem, wrong), *_folder_problems(events.parent)]
 
 
 def run_problems(scene) -> list[Problem]:

@@ -57,6 +57,7 @@ class PECS_OT_sense(operators.InBackground, bpy.types.Operator):
     def job(context) -> BackgroundJob:
         scene, events = context.scene, paths.events(context.scene)
         words = ["--chip", library.find("chip", scene.pecs.chip), *settings.sensor_arguments(scene)]
+        words += settings.frames_arguments(scene, events)
         words += ["--threads", scene.pecs.threads or preferences().threads]
         command = _command("sense", paths.rendered(scene), "-o", events, *words)
         return BackgroundJob("Simulate Events", command, events, show_events)
@@ -91,7 +92,8 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
     width, height = map(str, settings.size(scene))  # by default it would be the chip's
     words = ["--stack", str(stack), "--width", width, "--height", height]
     words += [*operators.frame_words(scene), *settings.exists_words(scene)]
-    command = operators.blender(scene, "run", events, *words, "--sense", *settings.sensor_arguments(scene))
+    sense = [*settings.sensor_arguments(scene), *settings.frames_arguments(scene, events)]
+    command = operators.blender(scene, "run", events, *words, "--sense", *sense)
     how = {"continues": True, "tasks": operators.TASKS, "render_s": operators.planned_s(scene)}
     return Next(command, lambda: BackgroundJob(label, command, events, done, **how))
 

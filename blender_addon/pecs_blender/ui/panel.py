@@ -305,6 +305,8 @@ class PECS_PT_sensor(SubPanel, bpy.types.Panel):
         name = s.sensor.preset or "The chip's values"
         layout.menu("PECS_MT_preset", text=name, icon="PRESET", translate=False)
         props(layout, s.sensor, "model", *(() if s.sensor.preset else ("readout",)))
+        if settings.has_frames(s):
+            layout.prop(s.sensor, "chip_frames")
 
 
 def _override(row, s, index: int, known: dict, text: str) -> None:

@@ -17,7 +17,7 @@ _SUBDIR = "pecs"
 _RENDER_KEYS = ["resolution_x", "resolution_y", "resolution_percentage"]
 _OTHER_KEYS = ["lens", "layers", "frames", "whole_range"]
 _STAGE_KEYS = ["diff_on", "diff_off", "afk", "afk_low_hz", "afk_high_hz", "trail", "trail_ms", "erc_mhz", "mask"]
-_SENSOR_KEYS = ["model", "preset", "readout", "noise", "overrides", "format", *_STAGE_KEYS]
+_SENSOR_KEYS = ["model", "preset", "readout", "noise", "chip_frames", "overrides", "format", *_STAGE_KEYS]
 
 
 class PECS_PT_presets(PresetPanel, bpy.types.Panel):

@@ -234,6 +234,11 @@ class PecsSensor(bpy.types.PropertyGroup):
         ],
         description="Readout of the events from the pixel array",
     )
+    chip_frames: BoolProperty(
+        name="Frames of the Chip",
+        description="The frames that the pixels of a DAVIS also take, and the events that these cause: in an AEDAT4 "
+        "event file, else in a new folder beside the events. Exposure and rate are values of the chip",
+    )
     overrides: CollectionProperty(type=PecsOverride)
     diff_on: IntProperty(
         name="Bias diff_on", min=-85, max=140, description="Offset of bias_diff_on to its factory setting"
@@ -538,6 +543,22 @@ def sensor_arguments(scene: bpy.types.Scene) -> list[str]:
         option = "--param" if known.get(one.name, {}).get("of") == "model" else "--set"
         words += [option, f"{one.name}={one.value}"]
     return words
+
+
+def has_frames(settings) -> bool:
+    return "frame_period_s" in parameters(settings)
+
+
+def frames_path(scene: bpy.types.Scene, events: Path) -> Path | None:
+    """File or folder of the frames of the chip; none if it takes none."""
+    if not (scene.pecs.sensor.chip_frames and has_frames(scene.pecs)):
+        return None
+    return events if events.suffix == ".aedat4" else events.with_name(f"{events.stem}_frames")
+
+
+def frames_arguments(scene: bpy.types.Scene, events: Path) -> list[str]:
+    path = frames_path(scene, events)
+    return ["--frames", str(path)] if path else []
 
 
 def _stage_arguments(sensor) -> list[str]:

@@ -58,6 +58,19 @@ scene = bpy.context.scene
 scene.pecs.chip = "my_camera"
 bpy.ops.pecs.chip_resolution()
 assert settings.size(scene) == (346, 260) and not checks.sensor_problems(scene)
+# Its frames: in an AEDAT4 file, else in a new folder; not of a chip that takes none
+assert not settings.frames_arguments(scene, own / "e.raw")
+sensor.chip_frames = True
+assert settings.frames_arguments(scene, own / "e.aedat4") == ["--frames", str(own / "e.aedat4")]
+assert settings.frames_arguments(scene, own / "e.raw") == ["--frames", str(own / "e_frames")]
+sensor.output, scene.pecs.sensor.format = str(own / "e.raw"), "auto"
+assert not checks.sensor_problems(scene)
+(own / "e_frames").mkdir()
+library.disk.forget()
+assert "e_frames: exists" in checks.sensor_problems(scene)[0].text
+scene.pecs.chip = "imx636"
+assert not settings.frames_arguments(scene, own / "e.raw") and not checks.sensor_problems(scene)
+scene.pecs.chip = "my_camera"
 words = settings.render_arguments(scene)
 assert words[words.index("--chip") + 1] == str(own / "my_camera.json")
 assert menus._page("fit_camera").name == "fit_camera.md" and menus._page("fit_camera").is_file()

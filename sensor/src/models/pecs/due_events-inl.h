@@ -89,14 +89,19 @@ class DueEvents {
     return holds(replaces);
   }
 
-  // Steps of the photoreceptor's V, up where an exposure begins and down where it ends; it then relaxes to the light.
+  // Steps of the amplifier's output (without one, of V), up where an exposure begins and down where it ends. It then
+  // relaxes to V (V to the light).
   HWY_INLINE void expose(const IntervalTimes& t, ActiveLanes& g, M exposed) {
     each(exposed, [&](std::size_t k) {
       for (const std::uint32_t p = g.pixels[k]; g.exposure[k] <= g.s[k]; g.exposure[k] = step_s(p, t)) {
         const float step = step_of(p);
         if (a_.marks) mark(t, g, k, step);
-        g.v[k] += step;
-        g.w[k] *= std::exp(-step);
+        if (a_.constants.b_per_us > 0) {
+          g.y[k] += step;
+        } else {
+          g.v[k] += step;
+          g.w[k] *= std::exp(-step);
+        }
         ++next_step_[p];
       }
     });

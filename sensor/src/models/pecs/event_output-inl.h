@@ -37,7 +37,9 @@ class EventOutput {
     const double threshold = on ? rows_.on[p] : rows_.off[p];
     // The rest of an exposure's step, against all else since.
     const double since_us = t_us - mark.step_us;
-    const double stepped = sign * mark.step * std::exp(-a_.constants.a_per_us * rows_.i[0][p] * since_us);
+    const PixelConstants& c = a_.constants;
+    const double relaxed = since_us * (c.b_per_us > 0 ? c.b_per_us : c.a_per_us * rows_.i[0][p]);
+    const double stepped = sign * mark.step * std::exp(-relaxed);
     const double moved = threshold - sign * double{mark.output - reference};
     if (stepped > 0 && since_us >= 0 && 2 * stepped > moved) return Cause::frame;
     const double signal = threshold - noise - leaked - sign * double{mark.phase};
