@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Builds the Blender extension, dist/pecs_blender-VERSION-linux-x64.zip: the add-on and, inside it, the pecs wheel with
-every library it needs (auditwheel), so that a plain Blender can install it from the file. `make_wheels.py --core` builds
-those of other platforms, with the core's wheel.
+every library it needs (auditwheel), so that a plain Blender can install it from the file. `make_wheels.py --core`
+builds those of other platforms, with the core's wheel.
 
     .venv/bin/python scripts/packaging/make_extension.py [--wheel FILE] [-o FOLDER]
     blender --command extension install-file -r user_default -e dist/pecs_blender-VERSION-linux-x64.zip

@@ -34,7 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist", help="folder (default: dist)")
     parser.add_argument("--plain", action="store_true", help="only the pecs wheel, tied to this system's libraries")
-    parser.add_argument("--core", choices=CORE, help="the pecs wheel of the core for another platform, and its extension")
+    parser.add_argument("--core", choices=CORE, help="the core's wheel for another platform, and its extension")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     if args.core:

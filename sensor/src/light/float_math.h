@@ -1,5 +1,6 @@
 #pragma once
-// ln and exp of floats, by those of doubles: the logf and expf of C libraries differ in the last bit, and so would events.
+// ln and exp of floats, by those of doubles: the logf and expf of C libraries differ in the last bit, and so would
+// events.
 #include <cmath>
 
 namespace pecs::sensor {
