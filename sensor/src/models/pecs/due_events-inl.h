@@ -11,6 +11,7 @@
 #include <cmath>
 #include <span>
 
+#include "light/float_math.h"
 #include "models/pecs/event_output-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -100,7 +101,7 @@ class DueEvents {
           g.y[k] += step;
         } else {
           g.v[k] += step;
-          g.w[k] *= std::exp(-step);
+          g.w[k] *= exp_of(-step);
         }
         ++next_step_[p];
       }
