@@ -26,6 +26,7 @@ WHITE_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.7  # of a logarithm; a value known less well is kept
 HISTORY_SD = 0.2  # of ln noise_std: the rate of noise in still light depends for minutes on the light before
 LEAST_HOT = 4  # events of a hot pixel
+LEAST_FOUND = 0.2  # share of hot pixels that have as many; below it, their number is not known
 COARSE_SD = 0.3  # far from the best values
 # Factor on deviations in still windows. Found on drawn chips (seeds 400 to 411 and 500 to 509 of
 # scripts/studies/fit_hidden.py), of whose steps and spreads intervals with 1.4 held 32 of 39.
@@ -176,6 +177,9 @@ def _of_hot_pixels(of: DavisEvents, windows: NDArray[np.int64], base: dict[str, 
         numbers[np.argmin(np.abs(numbers * poisson.sf(least - 2, numbers) / poisson.sf(least - 1, numbers) - mean))]
     )
     lower, found_share = number / mean, float(poisson.sf(least - 1, number))
+    if found_share < LEAST_FOUND:
+        few = "those found have as few events as noisy pixels"
+        return {key: kept(base[key], few) for key in ("hot_pixel_fraction", "hot_pixel_hz")}
     share, shares = hot.share(is_hot)
     return {
         "hot_pixel_fraction": Value(

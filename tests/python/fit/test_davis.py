@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pecs
 import pytest
-from pecs.fit import Davis, fit_davis
-from pecs.fit.davis_recording import load_davis
+from pecs.fit import Davis, davis_fit, fit_davis
+from pecs.fit.davis_recording import DavisEvents, load_davis
 from pecs_lab import davis_scene
 from support import run_module
 
@@ -156,3 +156,14 @@ def test_other_recordings_beside_it_and_chips_without_frames_are_refused(recordi
     ):
         done = run("--davis", recording, "-o", tmp_path / "x.json", *more)
         assert done.returncode == 2 and message in done.stderr and not (tmp_path / "x.json").exists()
+
+
+def test_few_events_do_not_make_all_pixels_hot():
+    """The number of hot pixels is not extrapolated from one that has as few events as the least that is found."""
+    events = pecs.Events(np.zeros(8, pecs.EVENT_DTYPE), 100, 100)
+    events["t"], events["p"] = np.arange(8) * 10_000, 1
+    begin_us = np.array([0.0, 100_000.0])
+    of = DavisEvents("made", events, np.zeros((2, 100, 100), np.float32), begin_us, begin_us + 10_000)
+    base = {"hot_pixel_fraction": 0.0, "hot_pixel_hz": 10.0}
+    found = davis_fit._of_hot_pixels(of, np.array([0]), base)
+    assert not found["hot_pixel_fraction"].fitted and found["hot_pixel_fraction"].value == 0
