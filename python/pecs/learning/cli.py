@@ -30,6 +30,7 @@ RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
     "pecs reconstruct recording.raw -o video.mp4 --method filter --cutoff 5Hz",
     "pecs reconstruct recording.raw -o slow.mp4 --fps 100 --playback-fps 25",
+    "pecs reconstruct recording.raw -o video.mp4 --corner 5Hz            # dim light, in which events come late",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
 TRAIN = (
@@ -83,6 +84,8 @@ def _parser() -> Parser:
     one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
+    about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"
+    one.add_argument("--corner", type=rate, help=about)
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
@@ -138,6 +141,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
         fps=args.fps,
         playback_fps=args.playback_fps,
         cutoff_hz=args.cutoff,
+        corner_hz=args.corner,
         size=args.size,
         threads=args.threads,
         progress=lambda n: line(f"reconstruct: {n} pictures", n, total),
