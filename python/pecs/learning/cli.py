@@ -115,7 +115,9 @@ def _parser() -> Parser:
     one.add_argument("--learning-rate", type=_positive, default=TrainConfig.learning_rate, help="learning rate of Adam")
     about = "last steps, with a falling learning rate (default: half of the steps)"
     one.add_argument("--decay-steps", type=whole["decay_steps"], help=about)
-    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and SSIM"
+    about = "a network (.onnx) of `pecs train`, whose weights are the first ones (default: random ones)"
+    one.add_argument("--weights", type=Path, metavar="FILE", help=about)
+    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1, SSIM and correlation"
     one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
     one.add_argument("--seed", type=SEED, default=TrainConfig.seed, help="seed of clips and first weights")
     one.add_argument("--workers", type=Whole(0, 256), default=0, help="processes that read clips; 0: this one")
@@ -185,6 +187,7 @@ def _train(args: argparse.Namespace) -> None:
         partial(_rendered, args) if args.set else partial(_drawn, args.seed, drawn, line),
         args.output,
         config,
+        weights=args.weights,
         lpips_weights=args.lpips_weights,
         workers=args.workers,
         device=args.device,

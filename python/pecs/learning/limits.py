@@ -66,6 +66,7 @@ class Augmentation:
     flip: bool = True
     noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
     bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
+    known: float = 0.5  # probability that the network is told the corner frequency
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,9 +88,11 @@ class TrainConfig:
     learning_rate: float = 2e-3
     decay_steps: int = 350  # last steps, over which the learning rate falls to 0
     ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
+    correlation_weight: float = 0.5  # weight of 1 - correlation, which is added too
     data: str = ""  # which sequences: another run of other ones does not continue this one
-    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
-    save_every: int = 50
+    weights_sha256: str | None = None  # hash of the network whose weights are the first ones
+    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces the other losses
+    save_every: int = 25
     seed: int = 1
 
     def rate(self, step: int) -> float:
@@ -113,7 +116,7 @@ class TrainConfig:
 class ProceduralConfig:
     """size: width and height [px]; model: the pixel model that simulates."""
 
-    count: int = 280
+    count: int = 120
     size: int = 128
     duration_us: int = 2_000_000
     model: str = "pecs"
