@@ -49,7 +49,7 @@ SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33,
 COARSER, NEAR_PX = 4, 3
 DISK_HZ = 2.5  # corner in the mean light: 4.6 Hz in white, and half of the disk is black (docs/studies/accuracy.md)
 PICTURED = (8, 20, 33)  # frames
-HELD_OUT, SHOWN, AT = 999, (4, 8, 9, 14), 90  # seed, numbers of busy sequences, window
+HELD_OUT, SHOWN, AT = 999, (4, 8, 10, 16), 90  # seed, numbers of those with most events of the first 20, window
 
 
 STEPS, CROP, COUNT, SEEDS = 120, 64, 60, (1, 2, 3)  # of the comparison
@@ -194,7 +194,7 @@ def disk(make, path: Path, window_us: float, corner_hz: float | None) -> tuple[d
     late = late_us(corner_hz)
     more = -late % window_us  # so that windows end `late` after multiples of their length
     kept["t"] += round(more)
-    ends, shown = video(make(320, 180, corner_hz=corner_hz), kept, end_us + more, window_us)
+    ends, shown = video(make(320, 180), kept, end_us + more, window_us)
     times, last_us = ends - more - late, end_us - late  # of whole windows
     inside = (times > end_us / 5) & (times <= last_us)
     if not inside.any():
@@ -245,7 +245,7 @@ def main() -> None:
     middle_ms = args.window_ms[len(args.window_ms) // 2]
     networks = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
     networks |= {name: Path(path) for name, path in (text.split("=", 1) for text in args.networks)}
-    methods = {"filter": lambda w, h, corner_hz=None: Filter(w, h, CUTOFF_HZ)}
+    methods = {"filter": lambda w, h: Filter(w, h, CUTOFF_HZ)}
     methods |= {name: functools.partial(Network, path) for name, path in networks.items()}
     real, results, strips = args.data, json.loads(args.output.read_text()) if args.output.exists() else {}, []
     if args.train:

@@ -34,7 +34,7 @@ RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
 TRAIN = (
-    "pecs train -o out/run                     # the network that PECS includes: 40 minutes of two cores",
+    "pecs train -o out/run                     # as the network that PECS includes: 40 minutes of two cores",
     "pecs train -o out/run --model esim        # with events of another pixel model",
     "pecs train out/set -o out/run             # on a data set; continues when run again",
 )

@@ -22,7 +22,6 @@ from .reconstruct import compressed, late_us
 
 BLACK, WHITE = 1.0, 99.0  # percentiles of a recording's light
 WINDOW_US = (10_000, 40_000)  # lengths of windows, one for each clip
-ROUGHLY = 0.3  # standard deviation of ln(corner) as a user knows it from the mean light
 
 
 class Source(Protocol):
@@ -65,7 +64,8 @@ class Recording:
         chip = own if own.is_file() else str(self.camera.info["chip"])
         with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
             planes = np.stack([light.at(t)[0] for t in self.times_us])
-            return eight_bit(planes), float(planes.mean()) * profile.corner_hz_per_a or None
+            slow = self.camera.info.get("model", "pecs") == "pecs"
+            return eight_bit(planes), float(planes.mean()) * profile.corner_hz_per_a or None if slow else None
 
     @property
     def pictures(self) -> NDArray[np.uint8]:
@@ -84,7 +84,7 @@ def recordings(sequences: Iterable[SetSequence]) -> list[Recording]:
 
 
 class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
-    """An item: planes [T, bins + 2, h, w] of T windows of equal length, picture [T, 1, h, w] `late_us` before their
+    """An item: planes [T, bins + 1, h, w] of T windows of equal length, picture [T, 1, h, w] `late_us` before their
     ends (0 … 1).
 
     Item i is the same in every run and worker: what is random is keyed by (seed, i).
@@ -118,11 +118,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         # A window is a number of intervals between pictures.
         interval_us = float(times_us[-1] - times_us[0]) / (len(times_us) - 1)
         short, long = (round(us / interval_us) for us in WINDOW_US)
-        corner_hz = source.corner_hz
-        known = corner_hz and (not how or rng.random() < how.known)
-        if corner_hz and known and how:
-            corner_hz *= math.exp(rng.normal(0, ROUGHLY))
-        late = late_us(corner_hz)
+        late = late_us(source.corner_hz)
         last = len(times_us) - 1 - min(math.ceil(late / interval_us), len(times_us) - 1 - count)
         most = min(max(long, 1), last // count)
         stride = int(rng.integers(min(max(short, 1), most), most + 1))
@@ -133,7 +129,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         grid = _grid(source, times_us[at] + late, (x0, y0, crop), self.bins)
         if how:
             _add_faults(grid, window_us * 1e-6, how, rng)
-        grid = compressed(grid, window_us, corner_hz if known else None)
+        grid = compressed(grid, window_us)
         shown = pictures[at[1:], y0 : y0 + crop, x0 : x0 + crop][:, None] / np.float32(255)
         if how and how.flip:
             for axis in (-1, -2):

@@ -54,7 +54,7 @@ def export(run: Path, output: Path) -> dict[str, Any]:
     """Writes the network of a training's folder; returns its record."""
     onnx = optional_module("onnx", "onnx", "export", "learning")
     net, record = trained(run)
-    planes = torch.zeros(1, net.config.bins + 2, TRIED_PX, TRIED_PX)
+    planes = torch.zeros(1, net.config.bins + 1, TRIED_PX, TRIED_PX)
     states = start_states(net, 1, TRIED_PX, TRIED_PX)
     names = [f"{STATE}_{i}_{level}" for i, level in enumerate(net.state_levels)]
     after = [f"next_{name}" for name in names]

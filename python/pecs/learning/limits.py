@@ -66,7 +66,6 @@ class Augmentation:
     flip: bool = True
     noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
     bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
-    known: float = 0.5  # probability that the network is told the corner frequency
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +91,7 @@ class TrainConfig:
     data: str = ""  # which sequences: another run of other ones does not continue this one
     weights_sha256: str | None = None  # hash of the network whose weights are the first ones
     lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces the other losses
-    save_every: int = 25
+    save_every: int = 50
     seed: int = 1
 
     def rate(self, step: int) -> float:
@@ -116,7 +115,7 @@ class TrainConfig:
 class ProceduralConfig:
     """size: width and height [px]; model: the pixel model that simulates."""
 
-    count: int = 120
+    count: int = 280
     size: int = 128
     duration_us: int = 2_000_000
     model: str = "pecs"

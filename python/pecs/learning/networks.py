@@ -1,6 +1,6 @@
 """The recurrent network that makes a picture of each window of events.
 
-forward(planes [N, bins + 2, H, W], states) -> (picture [N, 1, H, W], states): `planes` as
+forward(planes [N, bins + 1, H, W], states) -> (picture [N, 1, H, W], states): `planes` as
 `pecs.learning.reconstruct.planes` makes them. `states` is a list of tensors, `start_states` before the first window;
 state i has the size of the picture over 2**state_levels[i]. H and W: multiples of 2**levels.
 """
@@ -54,7 +54,7 @@ class RecurrentUNet(nn.Module):
         super().__init__()
         c, levels = config.channels, config.levels
         self.config, self.state_levels, self.state_channels = config, tuple(range(1, levels + 1)), (c,) * levels
-        self.down = nn.ModuleList(_conv(c if i else config.bins + 2, c, 3 if i else 5, 2) for i in range(levels))
+        self.down = nn.ModuleList(_conv(c if i else config.bins + 1, c, 3 if i else 5, 2) for i in range(levels))
         self.recurrent = nn.ModuleList(_ConvGru(c) for _ in range(levels))
         self.residual = _Residual(c)
         self.up = nn.ModuleList(_conv(c, c) for _ in range(levels - 1))

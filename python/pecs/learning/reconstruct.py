@@ -23,14 +23,13 @@ from .filter import HighPass
 from .limits import WHOLE, NetworkConfig
 from .video import Range, VideoWriter
 
-NETWORK_FORMAT = "3"
+NETWORK_FORMAT = "2"
 STATE = "state"  # prefix of the names of a network's states: state_NUMBER_LEVEL
 _STATE_NAME = re.compile(rf"{STATE}_[0-9]{{1,3}}_([0-9])")
 MOST_CHANNELS = WHOLE["channels"][1] << 10  # of a state
 MOST_WINDOWS = 1_000_000  # pictures of a video
 MOST_BYTES = 1 << 30  # of a network
 USUAL_US = 20_000.0  # length of a window
-FAST_HZ = 100.0  # pixels whose corner is much higher are as good as those of an unknown corner
 LATE = 0.4  # of the time constant of the photoreceptors: how late events show the light, in the middle
 CUTOFF_HZ = 1.0
 METHODS = ("network", "filter")
@@ -73,15 +72,12 @@ def windows(reader: EventReader, length_us: float, after_us: float = 0.0) -> Ite
         yield Window(begin_us, begin_us + length_us, np.concatenate([np.empty(0, EVENT_DTYPE), *kept]))
 
 
-def compressed(grid: NDArray[np.float32], window_us: float, corner_hz: float | None = None) -> NDArray[np.float32]:
-    """Planes that a network takes, [..., bins + 2, H, W], from the voxel grids [..., bins, H, W] of windows of this
-    length: sign(v) ln(1 + |v|), so that a hot pixel is no outlier, a plane of the length, and one of the corner
-    frequency of the photoreceptors, which is 0 if that is not known."""
+def compressed(grid: NDArray[np.float32], window_us: float) -> NDArray[np.float32]:
+    """Planes that a network takes, [..., bins + 1, H, W], from the voxel grids [..., bins, H, W] of windows of this
+    length: sign(v) ln(1 + |v|), so that a hot pixel is no outlier, and a plane of the length."""
     values = np.sign(grid) * np.log1p(np.abs(grid))
-    slow = np.log1p(FAST_HZ / corner_hz) if corner_hz else 0.0
     shape = (*grid.shape[:-3], 1, *grid.shape[-2:])
-    constants = (np.full(shape, value, np.float32) for value in (np.log10(window_us / USUAL_US), slow))
-    return np.concatenate([values, *constants], -3)
+    return np.concatenate([values, np.full(shape, np.log10(window_us / USUAL_US), np.float32)], -3)
 
 
 class Method(Protocol):
@@ -105,12 +101,12 @@ class Filter:
 
 
 class Network:
-    """A network as `pecs train` writes it: inputs `planes` [1, bins + 2, H, W] (`compressed`) and its states, outputs
+    """A network as `pecs train` writes it: inputs `planes` [1, bins + 1, H, W] (`compressed`) and its states, outputs
     `picture` [1, 1, H, W], `late_us` before the window's end, and the next states."""
 
     kind = "network"
 
-    def __init__(self, path: Path, width: int, height: int, threads: int = 0, corner_hz: float | None = None):
+    def __init__(self, path: Path, width: int, height: int, threads: int = 0):
         model = network_bytes(path)
         runtime = optional_module("onnxruntime", "onnxruntime", "reconstruct without --method filter", "learning")
         runtime.set_default_logger_severity(4)  # its errors are exceptions, too
@@ -131,7 +127,7 @@ class Network:
         record = Fields(parse_json(said.get("record", ""), f"{path}: record"), path, "record")
         config = NetworkConfig.read(record.table("network"))
         self._path, self.record = path, record.content
-        self._bins, self._size, self._corner_hz = config.bins, (height, width), corner_hz
+        self._bins, self._size = config.bins, (height, width)
         step = 2**config.levels
         self._pad = -height % step, -width % step
         self._states = self._first_states(config.levels)
@@ -155,7 +151,7 @@ class Network:
         height, width = self._size
         grid = voxel_grid(window.events, width, height, self._bins, window.begin_us, window.end_us)
         grid = np.pad(grid, ((0, 0), *((0, n) for n in self._pad)))
-        planes = compressed(grid, window.end_us - window.begin_us, self._corner_hz)[None]
+        planes = compressed(grid, window.end_us - window.begin_us)[None]
         try:
             picture, *states = self._session.run(None, {"planes": planes, **self._states})
         except Exception as e:  # ONNX Runtime raises many types
@@ -203,8 +199,8 @@ def reconstruct(
     """A video of an event file, `fps` pictures per second of the recording, shown at `playback_fps` (fps if None).
 
     method: one of `METHODS`. weights: a network (.onnx); None: the one that PECS includes. cutoff_hz: of the filter;
-    None: `CUTOFF_HZ`. corner_hz: of the photoreceptors in the mean light: the network takes it, and each picture is
-    `late_us` before the end of its window; None: at the end. size: width and height, for a file that does not say.
+    None: `CUTOFF_HZ`. corner_hz: of the photoreceptors in the mean light: each picture is `late_us` before the end of
+    its window; None: at the end. size: width and height, for a file that does not say.
     progress: called with the number of pictures so far. Returns what was done.
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
@@ -216,9 +212,7 @@ def reconstruct(
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
         make: Method = (
-            Network(chosen, width, height, threads, corner_hz)
-            if chosen
-            else Filter(width, height, cutoff_hz or CUTOFF_HZ)
+            Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz or CUTOFF_HZ)
         )
         length_us, late = 1e6 / fps, late_us(corner_hz)
         found, events, early = windows(reader, length_us, late), 0, math.ceil(late / length_us)
