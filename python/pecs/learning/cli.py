@@ -30,10 +30,11 @@ RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
     "pecs reconstruct recording.raw -o video.mp4 --method filter --cutoff 5Hz",
     "pecs reconstruct recording.raw -o slow.mp4 --fps 100 --playback-fps 25",
+    "pecs reconstruct recording.raw -o video.mp4 --corner 5Hz            # dim light, in which events come late",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
 TRAIN = (
-    "pecs train -o out/run                     # the network that PECS includes: 40 minutes of two cores",
+    "pecs train -o out/run                     # as the network that PECS includes: 40 minutes of two cores",
     "pecs train -o out/run --model esim        # with events of another pixel model",
     "pecs train out/set -o out/run             # on a data set; continues when run again",
 )
@@ -83,6 +84,8 @@ def _parser() -> Parser:
     one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
+    about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"
+    one.add_argument("--corner", type=rate, help=about)
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
@@ -112,7 +115,9 @@ def _parser() -> Parser:
     one.add_argument("--learning-rate", type=_positive, default=TrainConfig.learning_rate, help="learning rate of Adam")
     about = "last steps, with a falling learning rate (default: half of the steps)"
     one.add_argument("--decay-steps", type=whole["decay_steps"], help=about)
-    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1 and SSIM"
+    about = "a network (.onnx) of `pecs train`, whose weights are the first ones (default: random ones)"
+    one.add_argument("--weights", type=Path, metavar="FILE", help=about)
+    about = "weights of LPIPS (.pth): the loss is LPIPS instead of L1, SSIM and correlation"
     one.add_argument("--lpips-weights", type=Path, metavar="FILE", help=about)
     one.add_argument("--seed", type=SEED, default=TrainConfig.seed, help="seed of clips and first weights")
     one.add_argument("--workers", type=Whole(0, 256), default=0, help="processes that read clips; 0: this one")
@@ -138,6 +143,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
         fps=args.fps,
         playback_fps=args.playback_fps,
         cutoff_hz=args.cutoff,
+        corner_hz=args.corner,
         size=args.size,
         threads=args.threads,
         progress=lambda n: line(f"reconstruct: {n} pictures", n, total),
@@ -181,6 +187,7 @@ def _train(args: argparse.Namespace) -> None:
         partial(_rendered, args) if args.set else partial(_drawn, args.seed, drawn, line),
         args.output,
         config,
+        weights=args.weights,
         lpips_weights=args.lpips_weights,
         workers=args.workers,
         device=args.device,

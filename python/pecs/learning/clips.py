@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, Protocol
@@ -17,14 +18,15 @@ from ..datasets.sequence import Sequence as SetSequence
 from ..light import Light
 from ..representations import voxel_grid
 from .limits import Augmentation, ClipConfig
-from .reconstruct import compressed
+from .reconstruct import compressed, late_us
 
 BLACK, WHITE = 1.0, 99.0  # percentiles of a recording's light
 WINDOW_US = (10_000, 40_000)  # lengths of windows, one for each clip
 
 
 class Source(Protocol):
-    """events, sorted by t, and pictures [n, H, W] (8 bit, linear in light) at times_us [n], evenly spaced."""
+    """events, sorted by t, and pictures [n, H, W] (8 bit, linear in light) at times_us [n], evenly spaced; corner_hz of
+    the photoreceptors in the mean light, None if they have none."""
 
     @property
     def events(self) -> NDArray[Any]: ...
@@ -32,6 +34,8 @@ class Source(Protocol):
     def times_us(self) -> NDArray[Any]: ...
     @property
     def pictures(self) -> NDArray[np.uint8]: ...
+    @property
+    def corner_hz(self) -> float | None: ...
 
 
 def eight_bit(light: NDArray[Any]) -> NDArray[np.uint8]:
@@ -53,13 +57,23 @@ class Recording:
         self.camera, self.events, self.times_us = camera, camera.events(), camera.truth.times_us
 
     @cached_property
-    def pictures(self) -> NDArray[np.uint8]:
-        """Pictures of the pixels' photocurrent."""
+    def _seen(self) -> tuple[NDArray[np.uint8], float | None]:
+        """Pictures of the pixels' photocurrent; the corner in its mean."""
         folder = self.camera.folder
         own = folder / "chip.json"  # the profile that the recipe names
         chip = own if own.is_file() else str(self.camera.info["chip"])
         with Chip(chip) as profile, Light(folder / "stack", profile, threads=1) as light:
-            return eight_bit(np.stack([light.at(t)[0] for t in self.times_us]))
+            planes = np.stack([light.at(t)[0] for t in self.times_us])
+            slow = self.camera.info.get("model", "pecs") == "pecs"
+            return eight_bit(planes), float(planes.mean()) * profile.corner_hz_per_a or None if slow else None
+
+    @property
+    def pictures(self) -> NDArray[np.uint8]:
+        return self._seen[0]
+
+    @property
+    def corner_hz(self) -> float | None:
+        return self._seen[1]
 
 
 def recordings(sequences: Iterable[SetSequence]) -> list[Recording]:
@@ -70,7 +84,8 @@ def recordings(sequences: Iterable[SetSequence]) -> list[Recording]:
 
 
 class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
-    """An item: planes [T, bins + 1, h, w] of T windows of equal length, picture [T, 1, h, w] at their ends (0 … 1).
+    """An item: planes [T, bins + 1, h, w] of T windows of equal length, picture [T, 1, h, w] `late_us` before their
+    ends (0 … 1).
 
     Item i is the same in every run and worker: what is random is keyed by (seed, i).
     """
@@ -103,13 +118,15 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         # A window is a number of intervals between pictures.
         interval_us = float(times_us[-1] - times_us[0]) / (len(times_us) - 1)
         short, long = (round(us / interval_us) for us in WINDOW_US)
-        most = min(max(long, 1), (len(times_us) - 1) // count)
+        late = late_us(source.corner_hz)
+        last = len(times_us) - 1 - min(math.ceil(late / interval_us), len(times_us) - 1 - count)
+        most = min(max(long, 1), last // count)
         stride = int(rng.integers(min(max(short, 1), most), most + 1))
-        first = int(rng.integers(len(times_us) - count * stride))
+        first = int(rng.integers(last + 1 - count * stride))
         at = first + stride * np.arange(count + 1)
         y0, x0 = (int(rng.integers(n - crop + 1)) for n in pictures.shape[1:])
         window_us = stride * interval_us
-        grid = _grid(source, times_us[at], (x0, y0, crop), self.bins)
+        grid = _grid(source, times_us[at] + late, (x0, y0, crop), self.bins)
         if how:
             _add_faults(grid, window_us * 1e-6, how, rng)
         grid = compressed(grid, window_us)

@@ -87,8 +87,10 @@ class TrainConfig:
     learning_rate: float = 2e-3
     decay_steps: int = 350  # last steps, over which the learning rate falls to 0
     ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
+    correlation_weight: float = 0.5  # weight of 1 - correlation, which is added too
     data: str = ""  # which sequences: another run of other ones does not continue this one
-    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces L1 and SSIM
+    weights_sha256: str | None = None  # hash of the network whose weights are the first ones
+    lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces the other losses
     save_every: int = 50
     seed: int = 1
 

@@ -34,3 +34,10 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
         if min(a.shape[-2:]) < SSIM_WINDOW:
             break
     return torch.stack(values).mean()
+
+
+def correlation(a: Tensor, b: Tensor) -> Tensor:
+    """Mean over pictures of the correlation of their values, whatever their brightness and contrast."""
+    a, b = (x - x.mean((1, 2, 3), keepdim=True) for x in (a, b))
+    product, variances = (a * b).mean((1, 2, 3)), (a * a).mean((1, 2, 3)) * (b * b).mean((1, 2, 3))
+    return (product / (variances + C1**2).sqrt()).mean()

@@ -15,16 +15,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..chip import Chip
 from ..sensor import simulate
 from .clips import eight_bit
 from .limits import ProceduralConfig
 
+CHIP = "davis346"
 TEXTURE_PX = 320  # side of a layer's texture
 MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (2.3, 3.7, 6.0, 9.1)  # a shaking camera sees the edges of large things only
 LETTERS = list("ABCDEFGHKMNPRSTXYZ0123456789agkmx")
-FASTEST_PX_S = (20, 500)  # of the background, drawn log-uniformly
+FASTEST_PX_S = (20, 1000)  # of the background, drawn log-uniformly
 TRUTH_US = 5000  # between pictures
-WHITE_A = (5e-15, 2.5e-12)  # photocurrent of white, drawn log-uniformly: corners of 3 Hz to 1.5 kHz
+WHITE_A = (2e-15, 2e-12)  # photocurrent of white, drawn log-uniformly: corners of 1 Hz to 1.2 kHz
 THRESHOLDS = (0.1, 0.5)  # mean of ON and OFF, drawn log-uniformly
 
 Rng = np.random.Generator
@@ -88,9 +90,13 @@ def _checks(rng: Rng) -> Picture:
     return cv2.GaussianBlur(on.astype(np.float32), (0, 0), 0.7)
 
 
+def _plain(rng: Rng) -> Picture:
+    return np.full((TEXTURE_PX, TEXTURE_PX), rng.uniform(0, 1), np.float32)
+
+
 def _texture(rng: Rng) -> Picture:
     """Reflectance, 0.02 to 1."""
-    made = (_noise, _shapes, _text, _checks)[rng.choice(4, p=(0.3, 0.35, 0.25, 0.1))](rng)
+    made = (_noise, _shapes, _text, _checks, _plain)[rng.choice(5, p=(0.25, 0.3, 0.2, 0.1, 0.15))](rng)
     if rng.random() < 0.3:
         made = made * (0.5 + 0.5 * _noise(rng))
     dark, bright = np.sort(rng.uniform(0.02, 1, 2)) if rng.random() < 0.5 else (0.03, rng.uniform(0.5, 1))
@@ -145,7 +151,7 @@ def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Pict
     times_us = np.linspace(0, config.duration_us, n + 1)
     layers, side, middle = list(_layers(rng, times_us * 1e-6, fastest)), config.size, TEXTURE_PX / 2
     lamp = cv2.resize(_noise(rng)[:6, :6], (side, side), interpolation=cv2.INTER_CUBIC)
-    lamp = np.exp((lamp - lamp.mean()) * rng.uniform(0, 2)).astype(np.float32)  # uneven light
+    lamp = np.exp((lamp - lamp.mean()) * rng.uniform(0, 1)).astype(np.float32)  # uneven light
     out = np.empty((n + 1, side, side), np.float32)
     for k, picture in enumerate(out):
         for i, layer in enumerate(layers):
@@ -186,6 +192,7 @@ class Procedural:
     events: NDArray[Any]
     times_us: NDArray[np.int64]
     pictures: NDArray[np.uint8]
+    corner_hz: float | None
 
 
 def sequence(
@@ -193,11 +200,13 @@ def sequence(
 ) -> Procedural:
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     times_us, planes = light(rng, config)
-    drawn = {"chip": "davis346", "seed": number, "readout": "ideal", "threads": 1, "model": config.model} | camera(rng)
+    drawn = {"chip": CHIP, "seed": number, "readout": "ideal", "threads": 1, "model": config.model} | camera(rng)
     events = simulate(planes, times_us, **drawn)
     shown_us = np.arange(0, config.duration_us + 1, TRUTH_US)
     shown = planes[np.searchsorted(times_us, shown_us - 1e-6)]
-    return Procedural(events, shown_us, eight_bit(shown))
+    with Chip(CHIP) as chip:
+        slow_hz = chip.corner_hz_per_a * drawn["photocurrent_a"] * float(planes.mean())
+    return Procedural(events, shown_us, eight_bit(shown), slow_hz if config.model == "pecs" else None)
 
 
 def sequences(seed: int, config: ProceduralConfig, progress: Callable[[int], None] | None = None) -> list[Procedural]:

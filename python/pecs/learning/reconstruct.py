@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ MOST_CHANNELS = WHOLE["channels"][1] << 10  # of a state
 MOST_WINDOWS = 1_000_000  # pictures of a video
 MOST_BYTES = 1 << 30  # of a network
 USUAL_US = 20_000.0  # length of a window
+LATE = 0.4  # of the time constant of the photoreceptors: how late events show the light, in the middle
 CUTOFF_HZ = 1.0
 METHODS = ("network", "filter")
 WEIGHTS = Path(__file__).with_name("network.onnx")  # the network that PECS includes; its record is inside
@@ -43,15 +45,20 @@ class Window:
     events: NDArray[np.void]
 
 
-def windows(reader: EventReader, length_us: float) -> Iterator[Window]:
-    """Consecutive windows, empty ones too, from the first event to the window of the last event. Raises PecsInputError
-    for more than `MOST_WINDOWS`."""
+def late_us(corner_hz: float | None) -> float:
+    """How much earlier the picture of a window was than the window's end: in dim light, events come late."""
+    return 1e6 * LATE / (2 * np.pi * corner_hz) if corner_hz else 0.0
+
+
+def windows(reader: EventReader, length_us: float, after_us: float = 0.0) -> Iterator[Window]:
+    """Consecutive windows, empty ones too, from the first event to the window of the last event; one of them begins
+    after_us after the first event. Raises PecsInputError for more than `MOST_WINDOWS`."""
     kept: list[NDArray[np.void]] = []
     begin_us, number = None, 0
     for block in reader:
         events = np.asarray(block)
         if begin_us is None:
-            begin_us = float(events["t"][0])
+            begin_us = float(events["t"][0]) + after_us - length_us * math.ceil(after_us / length_us)
         if (count := (float(events["t"][-1]) - begin_us) / length_us) > MOST_WINDOWS:
             got = f"{count:.4g} windows of {length_us:g} us to the event at {events['t'][-1]} us"
             raise bad_input("times", "", got, f"at most {MOST_WINDOWS} (--fps, or a part of the recording)")
@@ -95,12 +102,12 @@ class Filter:
 
 class Network:
     """A network as `pecs train` writes it: inputs `planes` [1, bins + 1, H, W] (`compressed`) and its states, outputs
-    `picture` [1, 1, H, W] and the next states."""
+    `picture` [1, 1, H, W], `late_us` before the window's end, and the next states."""
 
     kind = "network"
 
     def __init__(self, path: Path, width: int, height: int, threads: int = 0):
-        model = _network_bytes(path)
+        model = network_bytes(path)
         runtime = optional_module("onnxruntime", "onnxruntime", "reconstruct without --method filter", "learning")
         runtime.set_default_logger_severity(4)  # its errors are exceptions, too
         options = runtime.SessionOptions()
@@ -161,7 +168,7 @@ class Network:
         return np.clip(picture[0, 0, :height, :width].astype(np.float64), 0, 1)
 
 
-def _network_bytes(path: Path) -> bytes:
+def network_bytes(path: Path) -> bytes:
     """The model, loaded from memory, so that what is checked is what runs. Raises PecsInputError for one that names
     other files: weights that lie outside of it have a key "location", and so do files in ORT's own format."""
     model = read_bytes(existing(path, "a network (.onnx)"), MOST_BYTES)
@@ -183,6 +190,7 @@ def reconstruct(
     weights: str | PathLike[str] | None = None,
     fps: float = 50.0,
     cutoff_hz: float | None = None,
+    corner_hz: float | None = None,
     playback_fps: float | None = None,
     size: tuple[int, int] | None = None,
     threads: int = 0,
@@ -191,8 +199,9 @@ def reconstruct(
     """A video of an event file, `fps` pictures per second of the recording, shown at `playback_fps` (fps if None).
 
     method: one of `METHODS`. weights: a network (.onnx); None: the one that PECS includes. cutoff_hz: of the filter;
-    None: `CUTOFF_HZ`. size: width and height, for a file that does not say. progress: called with the number of
-    pictures so far. Returns what was done.
+    None: `CUTOFF_HZ`. corner_hz: of the photoreceptors in the mean light: each picture is `late_us` before the end of
+    its window; None: at the end. size: width and height, for a file that does not say.
+    progress: called with the number of pictures so far. Returns what was done.
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
     source, output = Path(source), Path(output)
@@ -205,17 +214,24 @@ def reconstruct(
         make: Method = (
             Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz or CUTOFF_HZ)
         )
-        found, events = windows(reader, 1e6 / fps), 0
+        length_us, late = 1e6 / fps, late_us(corner_hz)
+        found, events, early = windows(reader, length_us, late), 0, math.ceil(late / length_us)
         first = next(found, None)  # a recording that has none leaves no unfinished video
         if first is None:
             raise PecsInputError(f"{source}: the file has no events")
         with VideoWriter(output, width, height, playback_fps or fps) as video:
-            for window in chain([first], found):
+            for number, window in enumerate(chain([first], found)):
                 _inside(source, window.events, width, height)
                 events += len(window.events)
-                video.write(np.round(255 * make(window)).astype(np.uint8))
+                picture = make(window)
+                if number < early:  # of a time before the first event
+                    continue
+                video.write(np.round(255 * picture).astype(np.uint8))
                 if progress:
                     progress(video.count)
+            if not video.count:
+                got = f"{number + 1} windows of {length_us:g} us"
+                raise bad_input(source, "times", got, f"more than {late:.0f} us, by which events are late (--corner)")
             return {
                 "source": str(source),
                 "method": make.kind,

@@ -17,23 +17,23 @@ from torch import Tensor
 
 from .._config import Fields, read_json
 from .._errors import PecsError, PecsInputError, PecsOutputError, UsageError, bad_input, existing
-from .._files import lock_file, read_text, write_json, write_text, write_whole
+from .._files import lock_file, read_text, sha256, write_json, write_text, write_whole
 from .._library import version
 from .clips import Clips, Source
 from .limits import TrainConfig
-from .losses import ssim
+from .losses import correlation, ssim
 from .lpips import Lpips
 from .networks import RecurrentUNet, start_states
-from .tensors import load_tensors
+from .tensors import load_network, load_tensors
 
 CONFIG, CHECKPOINT, LOG = "config.json", "checkpoint.pt", "log.csv"
-BLIND = 5  # windows at the begin of a clip
+BLIND = 1  # windows at the begin of a clip
 MOST_LOG = 1 << 30  # bytes
 
 
 @dataclass(frozen=True)
 class Losses:
-    """parts: l1, ssim, and lpips if it is used."""
+    """parts: l1, ssim, correlation, and lpips if it is used."""
 
     loss: Tensor
     parts: dict[str, float]
@@ -42,9 +42,11 @@ class Losses:
 def losses_of(pictures: Tensor, truth: Tensor, config: TrainConfig, lpips: Lpips | None = None) -> Losses:
     """The losses of pictures [N, 1, H, W]."""
     parts = {"l1": (pictures - truth).abs().mean(), "ssim": ssim(pictures, truth)}
+    parts["correlation"] = correlation(pictures, truth)
     if lpips:
         parts["lpips"] = lpips(pictures, truth).mean()
-    loss = parts["lpips"] if lpips else parts["l1"] + config.ssim_weight * (1 - parts["ssim"])
+    alike = config.ssim_weight * (1 - parts["ssim"]) + config.correlation_weight * (1 - parts["correlation"])
+    loss = parts["lpips"] if lpips else parts["l1"] + alike
     return Losses(loss, {name: float(value.detach()) for name, value in parts.items()})
 
 
@@ -81,42 +83,48 @@ def train(
     run: Path,
     config: TrainConfig,
     *,
+    weights: Path | None = None,
     lpips_weights: Path | None = None,
     workers: int = 0,
     device: str = "cpu",
     progress: Callable[[int, float], None] | None = None,
 ) -> Any:
     """Trains in folder `run` (config.json, checkpoint.pt, log.csv; TensorBoard's events where it is installed); returns
-    the network. A run that is there continues; one of another config is refused. lpips_weights: as `Lpips` reads them;
-    with them the loss is LPIPS. device: of PyTorch. progress: step, loss.
-    sources: or a function that makes them, which is called when all else is known to work."""
+    the network. A run that is there continues; one of another config is refused. weights: a network (.onnx), with whose
+    weights the training starts. lpips_weights: as `Lpips` reads them; with them the loss is LPIPS. device: of PyTorch.
+    progress: step, loss. sources: or a function that makes them, which is called when all else is known to work."""
     _check_device(device)
     lpips = Lpips(lpips_weights, device) if lpips_weights else None
     if lpips and config.clips.crop < lpips.least_px:
         wanted = f"{lpips.least_px} or more, for LPIPS by {lpips.kind}"
         raise UsageError(f"clips: got {config.clips.crop} px, wanted {wanted}")
+    torch.manual_seed(config.seed)
+    net = RecurrentUNet(config.network)
+    if weights:
+        load_network(net, weights)
+        config = replace(config, weights_sha256=sha256(weights))
     config = replace(config, lpips_sha256=lpips.sha256 if lpips else None)
+    net = net.to(device, memory_format=torch.channels_last)
     with _claimed(run, config):
-        return _train(sources() if callable(sources) else sources, run, config, lpips, workers, device, progress)
+        return _train(net, sources() if callable(sources) else sources, run, config, lpips, workers, progress)
 
 
 def _train(
+    net: Any,
     sources: Sequence[Source],
     run: Path,
     config: TrainConfig,
     lpips: Lpips | None,
     workers: int,
-    device: str,
     progress: Callable[[int, float], None] | None,
 ) -> Any:
-    torch.manual_seed(config.seed)
-    net = RecurrentUNet(config.network).to(device)
+    device = next(net.parameters()).device
     optimiser = torch.optim.Adam(net.parameters(), config.learning_rate)
-    step = _resume(run, net, optimiser, device)
+    step = _resume(run, net, optimiser, str(device))
     # Items depend on their number alone, so that a continued run uses the same ones as an uninterrupted run.
     clips = Clips(sources, config.clips, config.network.bins, config.seed, config.steps * config.batch)
     left = torch.utils.data.Subset(clips, range(step * config.batch, len(clips)))
-    loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device != "cpu")
+    loader = torch.utils.data.DataLoader(left, config.batch, num_workers=workers, pin_memory=device.type != "cpu")
     log, saved = _Log(run, step), step
     for item in loader:
         optimiser.param_groups[0]["lr"] = config.rate(step)

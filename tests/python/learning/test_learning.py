@@ -7,7 +7,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs.learning.filter import HighPass
-from pecs.learning.reconstruct import windows
+from pecs.learning.reconstruct import late_us, windows
 from pecs.learning.video import Range
 from pecs_lab.disk import Disk, edges
 from support import run_module
@@ -35,11 +35,13 @@ def test_the_filter_is_that_of_every_event(recording):
 
 def test_windows_hold_every_event_once(recording):
     path, events = recording
-    for length_us in (700.0, 33_333.4, 1e9):
+    for length_us, after_us in ((700.0, 0.0), (33_333.4, 40_000.0), (1e9, 0.0), (20_000.0, 60_000.0)):
         with pecs.EventReader(path) as reader:
-            found = list(windows(reader, length_us))
+            found = list(windows(reader, length_us, after_us))
         np.testing.assert_array_equal(np.concatenate([w.events for w in found]), events)
-        assert found[0].begin_us == events["t"][0] and found[-1].begin_us <= events["t"][-1] < found[-1].end_us
+        assert found[0].begin_us <= events["t"][0] < found[0].end_us
+        assert min(abs(w.begin_us - events["t"][0] - after_us) for w in found) < 1e-3
+        assert found[-1].begin_us <= events["t"][-1] < found[-1].end_us
         for w, after in zip(found, found[1:], strict=False):
             assert w.end_us == pytest.approx(after.begin_us, abs=1e-3)
             assert not len(w.events) or (w.begin_us <= w.events["t"][0] and w.events["t"][-1] < w.end_us)
@@ -65,6 +67,25 @@ def test_video_and_pictures(recording, tmp_path):
     pictures = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((tmp_path / "p").iterdir())]
     assert len(pictures) == count and all(p.shape == (H, W) and p.dtype == np.uint8 for p in pictures)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["p", "v.mp4"]
+
+
+def test_pictures_of_dim_light_are_earlier(recording, tmp_path):
+    """A picture shows what the events after it say: those of a fast pixel, `late_us` later."""
+    path, events = recording
+    late = round(late_us(5.0))
+    assert 10_000 < late < 15_000 and late_us(None) == 0
+    later = events.copy()
+    later["t"][1:] += late  # the first event gives the time
+    pecs.write(tmp_path / "late.raw", later, W, H)
+    for file, name, more in ((path, "p", ()), (tmp_path / "late.raw", "q", ("--corner", 5))):
+        words = file, "-o", tmp_path / name, "--method", "filter", "--cutoff", "0.01Hz", *more
+        learning("reconstruct", *words)
+    shown, again = ([cv2.imread(str(p), 0).astype(float) for p in sorted((tmp_path / n).iterdir())] for n in "pq")
+    assert len(again) == len(shown) == 14
+    apart = [np.abs(a - b).mean() for a, b in zip(shown[-3:], again[-3:], strict=True)]
+    assert max(apart) < 4, apart  # the range of grey values follows slowly
+    words = (path, "-o", tmp_path / "x.mp4", "--method", "filter", "--corner", 0.1)
+    assert "events are late (--corner)" in learning("reconstruct", *words, check=False).stderr
 
 
 def test_what_is_wrong_is_one_line(recording, tmp_path):

@@ -26,8 +26,8 @@ from pecs.learning.export import export
 from pecs.learning.losses import C1, C2, ssim
 from pecs.learning.lpips import Lpips
 from pecs.learning.networks import NetworkConfig, RecurrentUNet, start_states
-from pecs.learning.procedural import ProceduralConfig, light, sequence
-from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window, compressed
+from pecs.learning.procedural import Procedural, ProceduralConfig, light, sequence
+from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window, compressed, late_us
 from pecs.learning.train import TrainConfig, _Log, _resume, _save, train, trained
 from pecs.representations import voxel_grid
 from support import run_module
@@ -97,16 +97,33 @@ def test_clips(trainable):
     events, times = recording.camera.events(), recording.times_us
     whole = Clips([recording], dataclasses.replace(PLAIN, crop=72, windows=len(times) - 1), 5, 1, 1)[0]
     k = 3
-    there = events[(events["t"] >= times[k]) & (events["t"] < times[k + 1])]
+    begin, end = times[[k, k + 1]] + late_us(recording.corner_hz)
+    there = events[(events["t"] >= begin) & (events["t"] < end)]
     pictures = recording.pictures[k + 1] / np.float32(255)
     for x0 in range(25):
         if np.array_equal(whole["picture"][k, 0], pictures[:, x0 : x0 + 72]):
             break
     kept = there[(there["x"] >= x0) & (there["x"] < x0 + 72)].copy()
     kept["x"] -= x0
-    grid = voxel_grid(kept, 72, 72, begin_us=times[k], end_us=times[k + 1])
+    grid = voxel_grid(kept, 72, 72, begin_us=begin, end_us=end)
     length_us = (times[-1] - times[0]) / (len(times) - 1)
     np.testing.assert_allclose(whole["planes"][k], compressed(grid, length_us), atol=1e-6)
+
+
+def test_clips_of_slow_pixels():
+    """Pictures are as much earlier than their windows' ends as events are late."""
+    times, pixel = np.arange(101) * 5_000, np.zeros((101, 16, 16), np.uint8)
+    pixel += (2 * np.arange(101, dtype=np.uint8))[:, None, None]  # a picture tells its time
+    events = np.array([(250_100, 3, 4, 1)], [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+    corner_hz, config = 5.0, ClipConfig(12, 6, 16, None)
+    source, seen = Procedural(events, times, pixel, corner_hz), 0
+    for item in Clips([source], config, 5, 1, 12):
+        ends_us = item["picture"][:, 0, 0, 0].numpy() * 255 / 2 * 5000 + late_us(corner_hz)
+        has = np.flatnonzero(item["planes"][:, :5].abs().sum((1, 2, 3)) > 0)
+        within = np.flatnonzero((ends_us > 250_100) & (ends_us - np.diff(ends_us)[0] < 250_100))
+        np.testing.assert_array_equal(has, within)
+        seen += len(has)
+    assert seen > 4
 
 
 def test_faults_of_cameras(trainable):
@@ -293,6 +310,22 @@ def test_onnx_is_the_network(run, tmp_path):
     del theirs.metadata_props[:]
     onnx.save(theirs, str(tmp_path / "theirs.onnx"))
     wrong("pecs_network: got null, wanted 2: a network of `pecs train`", Network, tmp_path / "theirs.onnx", 8, 8)
+
+
+def test_training_starts_with_a_network(trainable, tmp_path):
+    """Its weights, to half precision, are there after a step that changes them little; it belongs to the run."""
+    found, file = recordings(sequences(trainable)), tmp_path / "n.onnx"
+    first = train(found, tmp_path / "first", SHORT)
+    export(tmp_path / "first", file)
+    config = dataclasses.replace(SHORT, steps=1, learning_rate=1e-6, seed=2)
+    net = train(found, tmp_path / "on", config, weights=file)
+    for ours, theirs in zip(net.parameters(), first.parameters(), strict=True):
+        assert torch.allclose(ours, theirs, rtol=1e-3, atol=1e-4)
+    wrong("weights_sha256: got", train, found, tmp_path / "on", config)
+    wider = dataclasses.replace(config, network=NetworkConfig(channels=6, levels=2))
+    wrong("n.onnx: network: got", lambda: train(found, tmp_path / "w", wider, weights=file))
+    wrong("no.onnx: no such file", lambda: train(found, tmp_path / "w", config, weights=tmp_path / "no.onnx"))
+    assert not (tmp_path / "w").exists()
 
 
 def test_a_checkpoint_of_another_network(trainable, tmp_path):
