@@ -73,10 +73,12 @@ class ChangedParts:
     def _refreshed(self, anchor: Anchor, index: int, now: SurfaceHits) -> np.ndarray | None:
         """The anchor's frame with the current light where it changed; None if that is most of the picture."""
         judge, factors, surfaces = self._judge, self._stage.factors, self._hits.surfaces
+        moved = tiles_with(surfaces.moved(anchor.hits, now.poses) | surfaces.moved(now, anchor.hits.poses))
+        if grown(moved).mean() > MAX_CHANGED:
+            return None
         same = judge.lit(self._light.first_half(anchor.frame), factors)
         changed = judge.strips_differing(self._stage, self._light, index, lambda bands: judge.photocurrent(same, bands))
-        moved = surfaces.moved(anchor.hits, now.poses) | surfaces.moved(now, anchor.hits.poses)
-        frame, more = anchor.frame.copy(), grown(tiles_with(moved) | changed)
+        frame, more = anchor.frame.copy(), grown(moved | changed)
         before = judge.photocurrent(self._light.bands_of(anchor.frame), factors=factors)
         done = np.zeros_like(more)
         while more.any():

@@ -17,7 +17,8 @@ from .stack import Render, due, times_s
 UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a time
 
 
-def print_cost(job: Render) -> None:
+def print_cost(job: Render, start_s: float) -> None:
+    """start_s: what was taken before the first frame, which a render takes once."""
     stage, keyframes = job.stage, job.keyframes
     needed_bytes, count = job.needed_bytes(), len(job.instants.times_ns)
     held = ADAPTIVE_PICTURES if keyframes else UNIFORM_PICTURES
@@ -36,8 +37,8 @@ def print_cost(job: Render) -> None:
         f"render: {frames}, {_duration(each_s)} each{between}: {_duration(count * each_s)}; {about} "
         f"{readable(disk_bytes)} on the disk, about {readable(memory_bytes)} of memory"
     )
-    cost = {"frames": count, "of": of, "each_s": each_s, "disk_bytes": disk_bytes, "memory_bytes": memory_bytes}
-    report(text, plan=cost)
+    cost = {"frames": count, "of": of, "start_s": start_s, "each_s": each_s}
+    report(text, plan=cost | {"disk_bytes": disk_bytes, "memory_bytes": memory_bytes})
 
 
 def _keyframe_cost(job: Render) -> tuple[float, int]:

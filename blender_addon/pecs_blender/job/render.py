@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from .stack import Render
 def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", cost_only: bool = False) -> Path:
     """The stack's folder. exists: what to do if the folder contains another job's stack: "continue" (an error),
     "overwrite", or "new" (use the next free name). cost_only: prints the cost, and writes nothing."""
+    begin_s = time.perf_counter()
     for note in source.notes if not plan.verbosity["quiet"] else ():
         print(f"render: {note}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
@@ -31,7 +33,7 @@ def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", c
         stage = Stage(source, plan, Path(scratch))
         job = (None if cost_only else _continued(stage, plan, folder, exists)) or _planned(stage, plan)
         if cost_only:
-            cost.print_cost(job)
+            cost.print_cost(job, time.perf_counter() - begin_s)
             return folder
         return job.write(folder, exists)
 

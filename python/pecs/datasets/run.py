@@ -203,7 +203,7 @@ def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float]:
                     job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
                     found[key] = blender(*job, folder=work.folder, log="estimate.log")
                 every.append(found[key])
-    seconds = sum(one["frames"] * one["each_s"] for one in every)
+    seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every)
     return seconds, sum(one["disk_bytes"] for one in every) * 1e-9, max(one["memory_bytes"] for one in every) * 1e-9
 
 
