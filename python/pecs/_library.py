@@ -32,7 +32,7 @@ def _find() -> Path:
     tried = [here / "_lib" / file]  # installed wheel
     if "PECS_LIBRARY" in os.environ:
         tried.insert(0, Path(os.environ["PECS_LIBRARY"]))
-    tried += [here.parents[1] / "build" / preset / "lib" / file for preset in ("release", "dev")]  # checkout
+    tried += [here.parent.parent / "build" / preset / "lib" / file for preset in ("release", "dev")]  # checkout
     for path in tried:
         if path.is_file():
             return path

@@ -17,7 +17,7 @@ def program() -> Path:
     here = Path(__file__).resolve().parent
     file = program_file("pecs")
     tried = [here / "_lib" / "bin" / file]
-    tried += [here.parents[1] / "build" / preset / "bin" / file for preset in ("release", "dev")]
+    tried += [here.parent.parent / "build" / preset / "bin" / file for preset in ("release", "dev")]
     for path in tried:
         if path.is_file():
             if not os.access(path, os.X_OK):  # Blender's installer unpacks wheels without their modes

