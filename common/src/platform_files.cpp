@@ -74,6 +74,8 @@ std::string rename_complete(const fs::path& from, const fs::path& to) {
   return fd.number() < 0 ? last_error() : rename_complete(fd, from, to);
 }
 
+std::string name_for_libraries(const fs::path& path) { return path.string(); }
+
 void will_read(const fs::path& path) {
   const Descriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
 #ifdef POSIX_FADV_WILLNEED

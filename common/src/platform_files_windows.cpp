@@ -113,6 +113,21 @@ std::string rename_complete(const fs::path& from, const fs::path& to) {
   return rename_complete(descriptor_of(file.release()), from, to);
 }
 
+std::string name_for_libraries(const fs::path& path) {
+  if (::GetACP() == CP_UTF8) return path.string();
+  BOOL lacks = FALSE;
+  const std::wstring wide = path.wstring();
+  std::string name(4 * wide.size() + 1, 0);
+  const int bytes = ::WideCharToMultiByte(CP_ACP, WC_NO_BEST_FIT_CHARS, wide.c_str(), static_cast<int>(wide.size()),
+                                          name.data(), static_cast<int>(name.size()), nullptr, &lacks);
+  if (lacks || bytes <= 0)
+    throw Error(ExitCode::unsupported, path.string() +
+                                           ": name: got letters that the system's code page lacks, "
+                                           "wanted others, or a format without HDF5");
+  name.resize(static_cast<std::size_t>(bytes));
+  return name;
+}
+
 void will_read(const fs::path&) {}  // Windows reads ahead itself, within a file
 
 }  // namespace pecs::platform

@@ -39,6 +39,8 @@ std::FILE* open_unnamed(const std::filesystem::path& beside);            // to w
 // Flushes it to the disk, then renames it; the reason where that fails, else empty.
 std::string rename_complete(const Descriptor& file, const std::filesystem::path& from, const std::filesystem::path& to);
 std::string rename_complete(const std::filesystem::path& from, const std::filesystem::path& to);
+// For libraries that open files by char. Throws unsupported for a name that the system's code page lacks.
+std::string name_for_libraries(const std::filesystem::path& path);
 void will_read(const std::filesystem::path& path);  // asks for the file's content ahead of its use
 
 // Processes.

@@ -6,6 +6,8 @@
 #include <array>
 #include <cstring>
 
+#include "pecs/platform.h"
+
 namespace pecs::events::hdf5 {
 namespace {
 
@@ -60,7 +62,7 @@ bool is_hdf5(std::span<const std::byte> head) {
 
 bool has_paths(const std::filesystem::path& path, const std::vector<std::string>& names) {
   const Session session;
-  const Handle file(H5Fopen(path.string().c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  const Handle file(H5Fopen(platform::name_for_libraries(path).c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file) return false;
   return std::ranges::none_of(names,
                               [&](const std::string& name) { return missing_link(file.get(), name) == "nothing"; });
@@ -69,7 +71,7 @@ bool has_paths(const std::filesystem::path& path, const std::vector<std::string>
 Handle open_file(const std::filesystem::path& path) {
   const Session session;
   if (!std::filesystem::is_regular_file(path)) throw not_found(path.string(), "no such file");
-  Handle file(H5Fopen(path.string().c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  Handle file(H5Fopen(platform::name_for_libraries(path).c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file) throw bad_input(path.string(), "byte 0", "data that HDF5 cannot open", "a whole HDF5 file");
   return file;
 }
@@ -261,8 +263,8 @@ Output::Output(std::filesystem::path path) : path_(std::move(path)), partial_(pa
   const Session session;
   const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_file_locking(access.get(), false, true);  // PartialFile has locked it
-  file_ =
-      Handle(H5Fcreate(partial_.partial_path().string().c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get()), H5Fclose);
+  const std::string name = platform::name_for_libraries(partial_.partial_path());
+  file_ = Handle(H5Fcreate(name.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get()), H5Fclose);
   if (!file_) throw bad_output(path_.string(), std::strerror(errno));
 }
 
