@@ -52,8 +52,10 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     if plan.view.path:
         source.follow(plan.view.path)
     source.set_time(0.0)
-    scale = source.radiance_per_unit(spectral) * plan.bands.light_scale
     source.make_camera(plan.view.focal_mm, plan.view.film_width_mm)
+    wanted_lux = plan.bands.lux
+    factor = light_scale(source, spectral, wanted_lux) if wanted_lux else plan.bands.light_scale
+    scale = source.radiance_per_unit(spectral) * factor
     lux, luminance = _photometry(source.scene, spectral)
     measured = {"lux": _spread(lux * scale), "luminance_cd_m2": _spread(luminance * scale)}
 
@@ -85,7 +87,7 @@ def probe(source: Source, plan: Plan) -> dict[str, Any]:
     if noise is not None:
         noise = float(f"{noise * math.sqrt(samples / all_samples) / lower_threshold(chip):.3g}")
     measured |= {"noise_thresholds": noise, "samples": all_samples}
-    return measured | {"fnumber": fnumber, "light_scale": plan.bands.light_scale}
+    return measured | {"fnumber": fnumber, "light_scale": factor}
 
 
 def light_scale(source: Source, spectral: SpectralScene, lux: float) -> float:

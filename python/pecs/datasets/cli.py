@@ -28,7 +28,7 @@ from .sequence import sequences
 from .work import RUNS, Busy
 
 RECIPE = "recipe.toml"  # of a .blend, in its set
-SHOWN_ROWS = 20  # of --plan and --check
+SHOWN_ROWS, SHOWN_BAD = 20, 4  # of --plan; of --check, which prints what is damaged
 MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
 ABOUT = """Makes a data set from a recipe (docs/reference/datasets.md): sequences of events with ground truth, rendered
 from scenes. Run again, a stopped job continues. Several processes may work on one set: each takes sequences that no
@@ -194,19 +194,19 @@ def _check(wanted: list[int], output: Path) -> None:
     for line in (line for index in damaged for line in bad[index]):
         print(line)
     got = [
-        f"{len(indices)} of {len(wanted)} sequences {what}{_some(indices)}"
-        for what, indices in (("damaged", damaged), ("lost or not made yet", absent))
+        f"{len(indices)} {what}{_some(indices)}"
+        for what, indices in (("damaged", damaged), ("absent", absent))
         if indices
     ]
     if got:
-        raise bad_input(output, "", ", ".join(got), "all whole (--repair makes them)")
+        raise bad_input(output, "", f"{', '.join(got)}, of {len(wanted)}", "all whole (--repair makes them)")
     print(f"{output}: {len(wanted)} sequences, whole")
 
 
 def _some(indices: list[int]) -> str:
-    """ ": 0001, 0002, …"."""
-    more = ", …" if len(indices) > SHOWN_ROWS else ""
-    return ": " + ", ".join(f"{index:04d}" for index in indices[:SHOWN_ROWS]) + more
+    """The first ones, in brackets."""
+    more = ", …" if len(indices) > SHOWN_BAD else ""
+    return f" ({', '.join(f'{index:04d}' for index in indices[:SHOWN_BAD])}{more})"
 
 
 def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:

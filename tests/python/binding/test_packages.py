@@ -126,7 +126,7 @@ def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, ext
     assert (package / "new.txt").read_text() == "a newer build"
     assert len(list(package.parent.glob("pecs_sim-*.dist-info"))) == 1
     for tag, platform in (("win_amd64", "windows-x64"), ("macosx_11_0_arm64", "macos-arm64")):
-        of_another = tmp_path / f"pecs_sim-0.1.0-py3-none-{tag}.whl"
+        of_another = tmp_path / f"{'-'.join(again.name.split('-')[:2])}-py3-none-{tag}.whl"
         write_wheel(files_of(again), of_another, 10**9)
         with zipfile.ZipFile(zip_of(of_another, tmp_path)) as archive:
             assert f'platforms = ["{platform}"]' in archive.read("blender_manifest.toml").decode()

@@ -413,7 +413,7 @@ def test_damage_is_named_and_mended(made, tmp_path):
     shutil.rmtree(tmp_path / "set/sequences/0000")
     result = dataset(*words, "--check", check=False)
     assert result.returncode == 4 and "left/events.h5: got other content" in result.stdout
-    assert "1 of 2 sequences damaged: 0001, 1 of 2 sequences lost or not made yet: 0000" in result.stderr
+    assert "got 1 damaged (0001), 1 absent (0000), of 2, wanted" in result.stderr
 
 
 def test_a_terminal_shows_how_far_a_camera_is(made, tmp_path):

@@ -24,7 +24,7 @@ from support.small_stacks import write
 BLOCK = re.compile(
     r"(?:<!-- (not run|run with): ([^>]+) -->\n)? *```(sh|python|json|toml)([^\n]*)\n(.*?)```", re.DOTALL
 )
-RENDER = re.compile(r"^((?:python -m pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
+RENDER = re.compile(r"^((?:(?:python -m )?pecs_blender render|pecs run) (?:[^\n\\]|\\\n)*)", re.MULTILINE)
 RUN_ELSEWHERE = {"docs/reference/trajectories.md"}  # datasets/test_trajectories.py, which also reads its tables
 FOLDERS = ("apps blender_addon calibration common docs examples lens_data python scenes scripts sensor tests").split()
 

@@ -103,6 +103,7 @@ def test_the_sun_on_a_floor_is_its_watts(scenes):
 
 
 def test_a_sky_of_equal_radiance_adds_pi(scenes):
+    assert light(scenes / "sky.blend", "--lux", 300)["lux"]["median"] == pytest.approx(300, rel=1e-2)
     found = light(scenes / "sky.blend")
     assert found["lux"]["median"] == pytest.approx((5 + np.pi * 0.2) * lux_per_watt(), rel=5e-3)
 

@@ -450,6 +450,7 @@ def widths(folder):
     background.state.plan[scene.name] = plan | {"settings": []}
     spread = {"median": 1234.0, "p5": 123.4, "p95": 12_345.0}
     light = dict.fromkeys(("lux", "luminance_cd_m2", "corner_hz"), spread) | {"light_scale": 1.0, "events_per_s": 1e7}
+    light["events_over_s"] = 0.1
     light |= {"photocurrent_a": {name: value * 5.678e-17 for name, value in spread.items()}, "noise_thresholds": 0.123}
     background.state.light[scene.name] = light | {"settings": []}
     one = {"events": 342_000, "rate_hz": 2.33e6, "on_fraction": 0.488, "interval_median_us": 1653}
