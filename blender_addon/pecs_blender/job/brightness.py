@@ -30,7 +30,7 @@ def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, 
         rows.append(("render noise", f"{_number(measured['noise_thresholds'])} of a threshold"))
     if measured["events_per_s"] is not None and scale == 1:
         over_ms = 1e3 * measured["events_over_s"]
-        rows.append(("events", f"{_number(measured['events_per_s'])} per second in the first {over_ms:g} ms"))
+        rows.append(("events", f"{_number(measured['events_per_s'])}/s over {over_ms:.3g} ms"))
     return rows
 
 
