@@ -83,13 +83,13 @@ for frame, watts in ((1, 60), (4, 6)):
 bpy.ops.wm.save"""
     in_bpy(SCENE.replace("bpy.ops.wm.save", dim), tmp_path / "dim.blend")
     dimmed = []
-    for time in ("uniform", "adaptive"):
-        args = ("--engine", "eevee", "--time", time, "--frames", 4, "--fps", 24, "--bands", 3, "--lens", "none")
-        pecs_blender("render", tmp_path / "dim.blend", "-o", tmp_path / time, *args, "--samples", 1, "--width", 16,
+    for engine, time in (("cycles", "uniform"), ("eevee", "adaptive")):
+        args = ("--engine", engine, "--time", time, "--frames", 4, "--fps", 24, "--bands", 3, "--lens", "none")
+        pecs_blender("render", tmp_path / "dim.blend", "-o", tmp_path / time, *args, "--samples", 2, "--width", 16,
                      "--height", 12)  # fmt: skip
         stack = pecs.StackReader(tmp_path / time)
         dimmed.append(stack.read_frame(stack.info["frames"] - 1).mean() / stack.read_frame(0).mean())
-    assert dimmed[0] < 0.9 and dimmed[1] == pytest.approx(dimmed[0], rel=0.02), dimmed
+    assert dimmed[0] < 0.9 and dimmed[1] == pytest.approx(dimmed[0], rel=0.03), dimmed
 
 
 @pytest.mark.parametrize(
