@@ -121,9 +121,8 @@ std::string name_for_libraries(const fs::path& path) {
   const int bytes = ::WideCharToMultiByte(CP_ACP, WC_NO_BEST_FIT_CHARS, wide.c_str(), static_cast<int>(wide.size()),
                                           name.data(), static_cast<int>(name.size()), nullptr, &lacks);
   if (lacks || bytes <= 0)
-    throw Error(ExitCode::unsupported, path.string() +
-                                           ": name: got letters that the system's code page lacks, "
-                                           "wanted others, or a format without HDF5");
+    throw Error(ExitCode::unsupported,
+                path.string() + ": name: got letters that the system's code page lacks, wanted others");
   name.resize(static_cast<std::size_t>(bytes));
   return name;
 }

@@ -134,7 +134,7 @@ def _event_rate(
 
 def _size(source: Source) -> tuple[int, int]:
     width, height = source.size
-    return WIDTH, max(1, round(WIDTH * height / width))
+    return WIDTH, max(cycles.LEAST_PX, round(WIDTH * height / width))
 
 
 def _photometry(scene: bpy.types.Scene, spectral: SpectralScene) -> tuple[np.ndarray, np.ndarray]:

@@ -81,7 +81,7 @@ class Stage:
 
     @property
     def _approximated(self) -> list[str]:
-        own = raster.approximated(self.spectral.emitting) if self._engine == "eevee" else []
+        own = [raster.approximated(self.spectral.emitting)] if self._engine == "eevee" else []
         return self.spectral.approximated + own
 
     def print_choices(self) -> None:

@@ -41,10 +41,10 @@ bpy.ops.render.render()
 """
 
 
-def approximated(emitting: list[str]) -> list[str]:
+def approximated(emitting: list[str]) -> str:
     """What EEVEE does otherwise. emitting: names of materials."""
     lamps = f"; surfaces that emit light nothing: {', '.join(emitting)}" if emitting else ""
-    return [f"engine eevee: light between surfaces, reflections and refraction are not traced{lamps}"]
+    return f"engine eevee: light between surfaces, reflections and refraction are not traced{lamps}"
 
 
 def check_graphics() -> None:

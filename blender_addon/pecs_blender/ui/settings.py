@@ -237,7 +237,7 @@ class PecsSensor(bpy.types.PropertyGroup):
     chip_frames: BoolProperty(
         name="Frames of the Chip",
         description="The frames that the pixels of a DAVIS also take, and the events that these cause: in an AEDAT4 "
-        "event file, else in a new folder beside the events. Exposure and rate are values of the chip",
+        "event file, otherwise in a new folder next to the events. Exposure and rate are values of the chip",
     )
     overrides: CollectionProperty(type=PecsOverride)
     diff_on: IntProperty(

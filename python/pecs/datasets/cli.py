@@ -189,9 +189,8 @@ def _export(folder: Path, name: str, output: Path, line: Line) -> None:
 
 def _check(wanted: list[int], output: Path) -> None:
     bad = _damaged(wanted, output)
-    absent = [index for index in bad if not manifest.sequence_folder(output, index).is_dir()]
-    damaged = sorted(bad.keys() - set(absent))
-    for line in (line for index in damaged for line in bad[index]):
+    damaged, absent = [index for index in bad if bad[index]], [index for index in bad if not bad[index]]
+    for line in (line for lines in bad.values() for line in lines):
         print(line)
     got = [
         f"{len(indices)} {what}{_some(indices)}"
@@ -210,11 +209,13 @@ def _some(indices: list[int]) -> str:
 
 
 def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:
+    """Faults of the sequences that are not whole; of one that is absent, none."""
     found, sums = {}, manifest.sums(output)
     for index in wanted:
         folder = manifest.sequence_folder(output, index)
-        lines = manifest.faults(folder, sums.get(folder.name)) if folder.is_dir() else ["not there"]
-        if lines:
+        there = folder.is_dir()
+        lines = manifest.faults(folder, sums.get(folder.name)) if there else []
+        if lines or not there:
             found[index] = lines
     return found
 
