@@ -78,8 +78,8 @@ class FolderScene(Source):
         if self.sky:  # the scene's illuminance is that of its lamps
             self.sky.shine(0.0)
         # The same seed in each render: cameras of a rig have seeds of their own, and see one light.
-        with cycles.picture_size(scene, 8, 8, samples=METER_SAMPLES // 64, seed=0):
-            scene.camera = camera
+        meter = cycles.changed(((scene, {"camera": camera}),))
+        with cycles.picture_size(scene, 8, 8, samples=METER_SAMPLES // 64, seed=0), meter:
             self.set_time(0.0)
             spectral.set_pass(points(METER_LAMBDA_NM))
             # Lambert: E = pi L / reflectance
