@@ -9,6 +9,7 @@ import runpy
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -27,7 +28,10 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
     begin = time.monotonic()
     try:
         args = parser.parse_args(argv)
-        with _ended_by_signals():
+        with _ended_by_signals(), warnings.catch_warnings():
+            warnings.showwarning = _print_warning
+            if args.quiet:
+                warnings.simplefilter("ignore", UserWarning)
             run(args)
         if args.verbose:
             name = getattr(args, "command", parser.prog.removeprefix("pecs "))
@@ -46,6 +50,10 @@ def answer(parser: Parser, run: Callable[[argparse.Namespace], None], argv: list
         print(f"pecs: {one_line(str(e.filename or 'standard output'))}: {e.strerror}", file=sys.stderr)
         return ExitCode.BAD_OUTPUT
     return 0
+
+
+def _print_warning(message: Warning | str, *_place: object) -> None:
+    print(f"pecs: warning: {one_line(str(message))}", file=sys.stderr)
 
 
 @contextmanager

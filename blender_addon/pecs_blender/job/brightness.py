@@ -26,11 +26,11 @@ def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, 
             if name == "corner_hz" and measured["photocurrent_a"]:
                 missing = "none: the chip follows at once"
             rows.append((what, missing))
-    if measured["noise_thresholds"] is not None:
-        rows.append(("render noise", f"{_number(measured['noise_thresholds'])} of a threshold"))
+    if (noise := measured["noise_thresholds"]) is not None:
+        rows.append(("render noise", f"{_number(noise) if noise >= 1e-3 else 'below 0.001'} of a threshold"))
     if measured["events_per_s"] is not None and scale == 1:
-        over_ms = 1e3 * measured["events_over_s"]
-        rows.append(("events", f"{_number(measured['events_per_s'])}/s over {over_ms:.3g} ms"))
+        count = f"{_number(measured['events_per_s'])}/s" if measured["events_per_s"] else "none (without noise)"
+        rows.append(("events", f"{count} over {1e3 * measured['events_over_s']:.3g} ms"))
     return rows
 
 

@@ -127,7 +127,7 @@ def _wanted(only: str | None, count: int) -> list[int]:
     except ValueError:
         begin, end = -1, -1
     if not 0 <= begin < end <= count:
-        raise UsageError(f"--only {only}: wanted N or A:B within 0 to {count}")
+        raise UsageError(f"--only {only}: wanted N below {count}, or A:B with B up to {count}")
     return list(range(begin, end))
 
 
