@@ -12,40 +12,53 @@ from pecs_lab.measure import ask
 from pecs_lab.report import cell, table
 
 LUX = (1, 10, 100, 1000, 10_000)
-FNUMBERS = (1.4, 2, 4)
 PREFACE = """# Chips
 
-These are the profiles of `pecs chips` without [colour filters](sensor.md#colour-pixels), with all
-values and sources. `scripts/pictures/chips.py` writes this page from
-`sensor/chips/*.json`. [Sensor](sensor.md#chips) explains the keys.
-
-The confidence follows from the source: *assumed* without a published figure, *fitted* to recordings,
-*measured* in one, *published* otherwise.
+These are the profiles of `pecs chips` without [colour filters](sensor.md#colour-pixels).
+`scripts/pictures/chips.py` writes this page from `sensor/chips/*.json`. [Sensor](sensor.md#chips) explains the keys.
+`pecs chip info CHIP` prints the source of each value.
 
 ## From illuminance to photocurrent
-A white surface (reflectance 1) in 3000 K light is seen through a lens. The table lists the photocurrent of a pixel and
-the corner of its photoreceptor, as `pecs chip info CHIP --lux E --fnumber N` prints them. The photocurrent is
-proportional to E / N².
+A white surface (reflectance 1) in 3000 K light is seen through a lens at f/2. The table lists the photocurrent of a
+pixel and the corner of its photoreceptor, as `pecs chip info CHIP --lux E --fnumber 2` prints them. The photocurrent is
+proportional to E / N²: at f/4, it is a quarter.
+
+"""
+VALUES = """
+## Values
+After each value: **m** measured in a recording, **f** fitted to recordings or measurements, **p** published, a assumed
+without a published figure. `ideal` has thresholds of 0.2, no noise, no limits and any size.
 
 """
 
 
 def confidence(source: str) -> str:
-    if source.startswith(("assumed", "no published")):
-        return "assumed"
+    if source.startswith(("assumed", "no published", "fitted: to another chip")):
+        return "a"
     if source.startswith(("R_360_L", "the recording")):
-        return "measured"
-    return "fitted" if source.startswith("fitted") else "published"
+        return "**m**"
+    return "**f**" if source.startswith("fitted") else "**p**"
 
 
 def light_table(names: list[str]) -> str:
     rows = []
     for name in names:
-        for fnumber in FNUMBERS:
-            lights = [ask("chip", "info", name, "--lux", lux, "--fnumber", fnumber)["light"] for lux in LUX]
-            cells = [f"{cell(1e15 * light['photocurrent_a'])} fA, {cell(light['corner_hz'])} Hz" for light in lights]
-            rows.append([name, f"{fnumber:g}", *cells])
-    return table(["chip", "f-number", *(f"{lux:,} lux" for lux in LUX)], rows) + "\n"
+        lights = [ask("chip", "info", name, "--lux", lux, "--fnumber", 2)["light"] for lux in LUX]
+        rows.append([name, *(f"{cell(1e15 * a['photocurrent_a'])} fA, {cell(a['corner_hz'])} Hz" for a in lights)])
+    return table(["chip", *(f"{lux:,} lux" for lux in LUX)], rows) + "\n"
+
+
+def value_table(infos: dict[str, dict]) -> str:
+    values = {name: info["values"] for name, info in infos.items()}
+    units = {key: entry["unit"] for of in values.values() for key, entry in sorted(of.items())}
+
+    def of_chip(name: str, key: str) -> str:
+        entry = values[name].get(key)
+        return f"{entry['value']:.4g} {confidence(entry['source'])}" if entry else ""
+
+    named = [(key, "" if unit == "1" else f", {unit}") for key, unit in sorted(units.items())]
+    rows = [[f"`{key}`{unit}", *(of_chip(name, key) for name in infos)] for key, unit in named]
+    return table(["value", *infos], rows) + "\n"
 
 
 def draw(name: str, info: dict, path: Path) -> None:
@@ -64,14 +77,10 @@ def draw(name: str, info: dict, path: Path) -> None:
 
 
 def section(name: str, info: dict) -> str:
-    rows = []
-    for key, entry in info["values"].items():
-        unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-        rows.append([f"`{key}`", f"{entry['value']:.4g}{unit}", confidence(entry["source"]), entry["source"]])
     names = ", ".join(info.get("trade_names", []))
     text = f"\n## {name}\n{info['description']}." + (f" Cameras and other names: {names}." if names else "")
     picture = f"![Relative quantum efficiency of {name}; photocurrent and corner over illuminance](chips/{name}.svg)"
-    return text + f"\n\n{picture}\n\n" + table(["value", "", "confidence", "source"], rows) + "\n"
+    return f"{text}\n\n{picture}\n"
 
 
 def main() -> None:
@@ -80,7 +89,8 @@ def main() -> None:
     infos = {name: info for name, info in infos.items() if "mosaic" not in info}
     for name, info in infos.items():
         draw(name, info, ROOT / f"docs/reference/chips/{name}.svg")
-    text = PREFACE + light_table([name for name in infos if name != "ideal"])
+    real = {name: info for name, info in infos.items() if name != "ideal"}
+    text = PREFACE + light_table(list(real)) + VALUES + value_table(real)
     text += "".join(section(name, info) for name, info in infos.items())
     (ROOT / "docs/reference/chips.md").write_text(text)
 

@@ -5,7 +5,6 @@ Results are in fits.json (docs/studies/validation.md, blind_spots.md); each part
     scripts/studies/fits.py peers R_360_L.hdf5          fitted to the first half, scored on the second: 15 minutes, 2 GB
     scripts/studies/fits.py over_light                  the same values on NIST's delays and published noise: 2 minutes
     scripts/studies/fits.py blind_spots R_360_L.hdf5    which error changes which measure: 2 minutes
-    scripts/studies/fits.py folds R_360_L.hdf5          fitted to other parts: halves, radii, edges: 10 minutes
     scripts/studies/fits.py programs R_360_L.hdf5 --v2e PATH --icns PATH    programs instead of models: 15 minutes
     scripts/studies/fits.py peers BRIGHTER.hdf5 --keep scripts/studies/fits.json --output brighter.json
 
@@ -32,7 +31,7 @@ import numpy as np
 import pecs
 from pecs_lab import computed_disk, fitted, over_light
 from pecs_lab.disk import Disk
-from pecs_lab.disk_scores import MEASURES, REGIONS, SECTORS, Part, between, deviance, on_grid, region, seen
+from pecs_lab.disk_scores import MEASURES, Part, between, on_grid, region, seen
 from pecs_lab.fitted import FIT_COARSER, SCORE_COARSER, Halves, Stage, fit
 from pecs_lab.measure import command
 from pecs_lab.peers import options_of
@@ -44,9 +43,6 @@ SLOWEST = ("voltmeter", "v2e", "pecs", "icns", SHIPPED, "esim")  # first
 KEPT_BRIGHTNESS = (0.1, 1e5)  # of another recording, in each model's unit
 TRIED_FA = np.geomspace(1, 1000, 13)  # photocurrent of the recording's white
 SILENT = 1000.0  # a delay that is not there counts as wrong by this factor
-FOLD_COARSER, FOLD_MODELS = 9, ("pecs", "v2e", "icns")
-EVERY = np.ones((2, REGIONS), bool)
-INNER, ON = EVERY & (np.arange(REGIONS) < SECTORS), EVERY & (np.arange(2)[:, None] == 1)
 DASH = "–"
 SCENE_LUX = 148.0  # of R_360_L
 
@@ -93,21 +89,15 @@ def peers(rows: dict, recording: str, only: list[str], evaluations: int, keep: P
 
 
 def peer_tables(rows: dict) -> list[str]:
-    """Scores, rings, fits, values."""
+    """Scores, fits, values."""
     rows = {name: rows[name] for name in ("recording", SHIPPED, *fitted.BOXES) if name in rows}
     fits = {name: row for name, row in rows.items() if "values" in row}
     spent = {"parameters": "values", "objective_after_sobol": "after Sobol", "objective": "objective"}
     starts = {name: ", ".join(map(cell, row["objective_of_starts"])) for name, row in fits.items()}
-    rings = [
-        [f"{p.upper()}, ring {k + 1}", *(cell(row["scores"][f"rings_{p}_deg"][k]) for row in rows.values())]
-        for p in ("on", "off")
-        for k in range(4)
-    ]
     searched = [[n, *(cell(r[k]) for k in spent), starts[n], ", ".join(r["at_bound"])] for n, r in fits.items()]
     values = [[name, ", ".join(f"{k} {v:.3g}" for k, v in row["values"].items())] for name, row in fits.items()]
     return [
         score_table({name: row["scores"] for name, row in rows.items()}),
-        table(["", *rows], rings),
         table(["model", *spent.values(), "of each start", "at its bound"], searched),
         table(["model", "fitted values"], values),
     ]
@@ -220,43 +210,6 @@ def blind_spots(rows: dict, fits: dict, recording: str, **_: object) -> list[str
     return [table(["", *rows], [[title, *(shown(name, key) for name in rows)] for key, title in MEASURES.items()])]
 
 
-# Other parts of the recording.
-
-
-def folds_of(halves: Halves) -> dict[str, tuple[Part, Part]]:
-    """The part that is fitted and the part that is scored, by name."""
-
-    def within(part: Part, kept: np.ndarray) -> Part:
-        return Part(part.begin_us, part.end_us, kept)
-
-    first, second = halves.first, halves.second
-    return {
-        "inner rings, outer rings": (within(first, INNER), within(second, ~INNER)),
-        "ON events, OFF events": (within(first, ON), within(second, ~ON)),
-        "OFF events, ON events": (within(first, ~ON), within(second, ON)),
-        "outer rings, inner rings": (within(first, ~INNER), within(second, INNER)),
-        "second half, first half": (second, first),
-    }
-
-
-def folds(rows: dict, recording: str, only: list[str], evaluations: int, **_: object) -> list[str]:
-    """Deviance of the other part. Same light, objective and search as of `peers`, with fewer pixels and simulations."""
-    halves = Halves(recording)
-    disk = halves.disk.coarser(SCORE_COARSER)
-    for name, (fitted_part, left) in folds_of(halves).items():
-        row = rows.setdefault(name, {})
-        real = left.cells(on_grid(halves.events, SCORE_COARSER, 1), disk)
-        row["recording"] = deviance(real, left.cells(on_grid(halves.events, SCORE_COARSER, 0), disk.moved(0.5, 0.5)))
-        stage, scoring = halves.stage(FOLD_COARSER, fitted_part), halves.stage(SCORE_COARSER, left)
-        for model in chosen(FOLD_MODELS, row, only):
-            target = halves.target(fitted_part, FOLD_COARSER)
-            found = fit(model, ({}, fitted.SCENE | fitted.BOXES[model]), stage, fitted_part, target, evaluations or 384)
-            row[model] = deviance(real, left.cells(scoring.events(model, found["values"], 2), disk))
-    columns = "recording", *FOLD_MODELS
-    cells = [[*name.split(", "), *(cell(row.get(m)) for m in columns)] for name, row in rows.items()]
-    return [table(["fitted to", "scored on", *columns], cells)]
-
-
 # The programs instead of their models.
 
 
@@ -325,8 +278,7 @@ def realism(rows: dict, fits: dict, recording: str, only: list[str], **_: object
 
 
 PARTS = {
-    "peers": peers, "over_light": over_lights, "blind_spots": blind_spots, "folds": folds, "programs": programs,
-    "realism": realism,
+    "peers": peers, "over_light": over_lights, "blind_spots": blind_spots, "programs": programs, "realism": realism,
 }  # fmt: skip
 
 

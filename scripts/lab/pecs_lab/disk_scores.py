@@ -6,7 +6,7 @@ farther apart than the whole ones); those of Chamfer and Gaussian are of `pecs.c
 the time.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pecs
@@ -97,14 +97,13 @@ def cells(of: np.ndarray, bins_deg: np.ndarray = CELLS_DEG) -> np.ndarray:
 
 @dataclass
 class Part:
-    """A time of a recording, and some of its polarities and regions."""
+    """A time of a recording."""
 
     begin_us: float
     end_us: float
-    kept: np.ndarray = field(default_factory=lambda: np.ones((2, REGIONS), bool))  # [OFF and ON, region]
 
     def cells(self, events: np.ndarray, disk: Disk) -> np.ndarray:
-        return cells(seen(*between(events, disk, self.begin_us, self.end_us)))[self.kept]
+        return cells(seen(*between(events, disk, self.begin_us, self.end_us)))
 
 
 def deviance(real: np.ndarray, sim: np.ndarray) -> float:
@@ -233,7 +232,4 @@ class Scored:
             low = value - 1.96 * spread if key in SIGNED else max(0.0, value - 1.96 * spread)
             ends = [low, value + 1.96 * spread] if np.isfinite(value) and np.isfinite(spread) else []
             found[key] = [value if np.isfinite(value) else None, *ends]
-        for p, name in ((1, "on"), (0, "off")):
-            both = [[delays_of(s[s["ring"] == k], p) for k in range(4)] for s in (self.seen, sim)]
-            found[f"rings_{name}_deg"] = [distance(a, b) if len(b) else None for a, b in zip(*both, strict=True)]
         return found
