@@ -16,6 +16,7 @@
 #include "pecs/input/display.h"
 #include "pecs/input/video_file.h"
 #include "pecs/progress.h"
+#include "pecs/sensor/light_sampler.h"
 #include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/view/band_colours.h"
@@ -29,7 +30,7 @@ struct PreviewArguments {
   std::string stack, output, illuminant;
   std::int64_t frame = 0;
   double exposure_ev = 0, fps = 30;
-  std::optional<double> band_nm;
+  std::optional<double> band_nm, every_us;
   input::DisplayOptions display;
   bool json = false;
 };
@@ -61,19 +62,48 @@ std::vector<float> pixels_of(const sensor::StackReader& stack, std::int64_t inde
   return values;
 }
 
-// A frame in linear light: three planes (colour) or one (a band).
-cv::Mat linear_picture(const sensor::StackReader& stack, std::int64_t index, const std::vector<Triple>& rgb,
+// The bands' values in linear light: three planes (colour) or one (a band).
+cv::Mat linear_picture(const sensor::StackInfo& info, std::vector<float> values, const std::vector<Triple>& rgb,
                        std::optional<std::size_t> band) {
-  const sensor::StackInfo& info = stack.info();
-  const std::vector<float> values = pixels_of(stack, index);
   const std::size_t pixels = static_cast<std::size_t>(info.width) * info.height;
-  if (band) return cv::Mat(info.height, info.width, CV_32F, const_cast<float*>(&values[*band * pixels])).clone();
+  if (band) return cv::Mat(info.height, info.width, CV_32F, &values[*band * pixels]).clone();
   cv::Mat picture(info.height, info.width, CV_32FC3, cv::Scalar::all(0));
   auto* out = picture.ptr<cv::Vec3f>();
   for (std::size_t k = 0; k < rgb.size(); ++k)
     for (std::size_t i = 0; i < pixels; ++i)
       for (int c = 0; c < 3; ++c) out[i][2 - c] += static_cast<float>(rgb[k][c]) * values[k * pixels + i];  // BGR
   return picture;
+}
+
+// Times from the first frame at which a video shows the light: each `every_us`; without, kKeyframeTimes in all, where
+// motion is known between the frames. Empty: the frames.
+std::vector<double> times_us_of(const sensor::StackReader& stack, std::optional<double> every_us) {
+  constexpr double kKeyframeTimes = 100, kMost = 1e6;
+  const sensor::StackInfo& info = stack.info();
+  const std::int64_t length_ns =
+      info.period_ns.value_or(info.times_ns[static_cast<std::size_t>(stack.frames()) - 1] - info.times_ns[0]);
+  const double length_us = 1e-3 * static_cast<double>(length_ns);
+  if (!every_us && stack.has_motion() && length_ns > 0) every_us = length_us / (kKeyframeTimes - 1);
+  if (!every_us) return {};
+  const double number = std::floor(length_us / *every_us * (1 + 1e-9)) + 1;
+  if (number > kMost)
+    throw Error(ExitCode::usage, fmt::format("--every: got {} us, which are {:.0f} pictures, wanted at most {:.0f}",
+                                             *every_us, number, kMost));
+  std::vector<double> times_us;
+  for (double i = 0; i < number; ++i) times_us.push_back(std::min(i * *every_us, length_us));
+  return times_us;
+}
+
+// The light of each band between the frames, as pixels see it.
+std::unique_ptr<sensor::LightSampler> sampler_of(const sensor::StackReader& stack) {
+  const std::size_t bands = stack.info().bands.size();
+  std::vector<sensor::Response> each;
+  for (std::size_t k = 0; k < bands; ++k) {
+    std::vector<double> one(bands, 0.0);
+    one[k] = 1;
+    each.emplace_back(std::move(one));
+  }
+  return std::make_unique<sensor::LightSampler>(stack, each);
 }
 
 // The 99th percentile of the brightest channel, so that a visible lamp does not darken the rest.
@@ -112,6 +142,7 @@ void run(const PreviewArguments& a, Console& console) {
   const std::string extension = output.extension().string();
   if (extension != ".png" && extension != ".mp4")
     throw Error(ExitCode::usage, fmt::format("-o: got '{}', wanted a name that ends in .png or .mp4", a.output));
+  if (extension == ".png" && a.every_us) throw Error(ExitCode::usage, "--every: is for videos, got a .png");
   const sensor::StackReader stack(a.stack);
   const std::vector<sensor::Band>& bands = stack.info().bands;
   if (stack.frames() == 0) throw bad_input(a.stack, "frames", "none", "at least one");
@@ -129,7 +160,7 @@ void run(const PreviewArguments& a, Console& console) {
   const Encoder encode = input::display_encoder(a.display);
   const std::string illuminant = illuminant_of(a);
   const std::vector<Triple> rgb = view::rgb_of_bands(bands, sensor::named_spectrum(illuminant));
-  cv::Mat picture = linear_picture(stack, first, rgb, band);
+  const cv::Mat picture = linear_picture(stack.info(), pixels_of(stack, first), rgb, band);
   const double scale = std::exp2(a.exposure_ev) / white_level(picture);
 
   Json result = {{"output", a.output}, {"scale", scale}};
@@ -138,18 +169,28 @@ void run(const PreviewArguments& a, Console& console) {
     result["frames"] = 1;
     write_png(a.output, to_display(picture, scale, encode));
   } else {
+    const std::vector<double> times_us = times_us_of(stack, a.every_us);
+    const auto pictures = times_us.empty() ? stack.frames() : static_cast<std::int64_t>(times_us.size());
+    const auto light = times_us.empty() ? nullptr : sampler_of(stack);
     input::VideoFile video(output, a.fps);
-    Progress progress("render-preview", static_cast<std::uint64_t>(stack.frames()), a.json || console.quiet());
-    for (std::int64_t i = 0; i < stack.frames(); ++i) {
-      video.write(to_display(linear_picture(stack, i, rgb, band), scale, encode));
+    Progress progress("render-preview", static_cast<std::uint64_t>(pictures), a.json || console.quiet());
+    for (std::int64_t i = 0; i < pictures; ++i) {
+      std::vector<float> values(light ? light->values() : 0);
+      if (light)
+        light->at({&times_us[i], 1}, values);
+      else
+        values = pixels_of(stack, i);
+      video.write(to_display(linear_picture(stack.info(), std::move(values), rgb, band), scale, encode));
       progress.at(static_cast<std::uint64_t>(i + 1));
     }
     video.close();
-    result["frames"] = stack.frames();
+    result["frames"] = pictures;
+    if (light) result["every_us"] = times_us.size() > 1 ? times_us[1] : 0;
   }
   const Json config = {{"frame", first},
                        {"exposure_ev", a.exposure_ev},
                        {"fps", a.fps},
+                       {"every_us", a.every_us ? Json(*a.every_us) : Json(nullptr)},
                        {"illuminant", illuminant},
                        {"band_nm", a.band_nm ? Json(*a.band_nm) : Json(nullptr)},
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
@@ -195,9 +236,15 @@ void add_render_preview(CLI::App& app, Console& console) {
       ->transform(quantity("Hz"))
       ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
+  command
+      ->add_option("--every", a->every_us,
+                   "mp4: time between pictures; between frames, light follows the motion (default: all frames of "
+                   "uniform steps, 100 times over keyframes)")
+      ->transform(quantity("us"))
+      ->check(positive());
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs render-preview out/stack -o first.png --exposure 1EV",
-                          "pecs render-preview out/stack -o stack.mp4 --fps 24",
+                          "pecs render-preview out/stack -o stack.mp4 --every 1ms --fps 24",
                           "pecs render-preview out/stack -o blue.png --band 450nm"});
   command->callback([a, &console] { run(*a, console); });
 }

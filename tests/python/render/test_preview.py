@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.moving_scene import Scene, write_stack
 from support.small_stacks import stack_json
 
 pecs = pytest.importorskip("pecs")
@@ -161,17 +162,40 @@ def test_subpixels_are_averaged(root, pecs_program, tmp_path):
     assert pictures[0].max() > 150 and np.abs(pictures[0] - pictures[1]).max() <= 1
 
 
+def video_of(pecs_program, stack, *args):
+    """Its pictures, [time, height, width]."""
+    path = stack.with_suffix(".mp4")
+    pecs_program("render-preview", stack, "-o", path, *args, check=True)
+    video, pictures = cv2.VideoCapture(str(path)), []
+    while (read := video.read())[0]:
+        pictures.append(read[1].mean(axis=2))
+    return np.array(pictures)
+
+
 def test_video_has_every_frame(root, pecs_program, tmp_path):
     checker_stack(root, tmp_path / "s", frames=5)
-    pecs_program("render-preview", tmp_path / "s", "-o", tmp_path / "x.mp4", check=True)
-    video = cv2.VideoCapture(str(tmp_path / "x.mp4"))
-    count = 0
-    while video.read()[0]:
-        count += 1
-    assert count == 5
+    assert len(video_of(pecs_program, tmp_path / "s")) == 5
 
 
-@pytest.mark.parametrize("args, code", [(["-o", "x.gif"], 2), (["-o", "x.png", "--frame", "9"], 2)])
+def test_video_of_keyframes_follows_the_motion(pecs_program, tmp_path):
+    """Against the video of as many rendered frames; blended keyframes are far from it."""
+    scene = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
+    times = np.linspace(0, 1, 9)
+    ends = [scene.frame(0.0), scene.frame(1.0)]
+    keys = write_stack(tmp_path / "keys", ends, [0, 8_000_000], [scene.motion()])
+    blend = write_stack(tmp_path / "blend", ends, [0, 8_000_000])
+    dense = write_stack(tmp_path / "dense", [scene.frame(t) for t in times], [round(t * 8e6) for t in times])
+    truth = video_of(pecs_program, dense)
+    found, blended = (video_of(pecs_program, stack, "--every", "1ms") for stack in (keys, blend))
+    assert found.shape == blended.shape == truth.shape == (9, 72, 96)
+    assert np.abs(found - truth)[4].mean() < 0.3 * np.abs(blended - truth)[4].mean()
+    assert len(video_of(pecs_program, keys)) == 100
+
+
+@pytest.mark.parametrize(
+    "args, code",
+    [(["-o", "x.gif"], 2), (["-o", "x.png", "--frame", "9"], 2), (["-o", "x.png", "--every", "1ms"], 2)],
+)
 def test_bad_input_is_one_line(root, pecs_program, tmp_path, args, code):
     checker_stack(root, tmp_path / "s")
     result = pecs_program("render-preview", tmp_path / "s", *args, cwd=tmp_path)
