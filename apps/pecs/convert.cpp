@@ -122,6 +122,7 @@ void convert(const ConvertArguments& o, Console& console) {
     progress.at(read.events);
   }
   writer->close();
+  if (read.events > 0 && written.events == 0) console.warn(o.in + ": no event lies in the part that was asked for");
 
   Json results = written.json(info.width, info.height);
   results["events_read"] = read.events;

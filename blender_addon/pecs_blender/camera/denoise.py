@@ -21,6 +21,7 @@ _FAST, _HIGH = 4, 6  # OIDN_QUALITY
 _MEMORY_MB = 3000  # decides the tiles and so the last bits of the result: the same on every machine
 GUIDES = ("Denoising Albedo", "Denoising Normal")  # passes of Cycles
 CHANNELS = 3  # of each guide
+DARK = 1e-3  # middle grey is 0.18: below it, the filter draws light where there is none, as into a black sky
 
 
 def _library() -> ctypes.CDLL:
@@ -86,11 +87,16 @@ class Denoiser:
         out = np.empty_like(light)
         for first in range(0, len(light), CHANNELS):
             bands = light[first : first + CHANNELS]
+            lit = (bands > 0).any(axis=0)
+            if not lit.any():
+                out[first : first + CHANNELS] = 0
+                continue
             color = _interleaved(bands[np.minimum(np.arange(CHANNELS), len(bands) - 1)])
             clean = np.empty_like(color)
-            self._filter(
-                _exposure(bands), _FAST if fast else _HIGH, color=color, albedo=albedo, normal=normal, output=clean
-            )
+            exposure = _exposure(bands)
+            self._filter(exposure, _FAST if fast else _HIGH, color=color, albedo=albedo, normal=normal, output=clean)
+            if not lit.all():
+                clean[~_grown(lit) & (clean.max(axis=2) * exposure < DARK)] = 0
             out[first : first + CHANNELS] = clean.transpose(2, 0, 1)[: len(bands)]
         return out
 
@@ -116,7 +122,13 @@ def _interleaved(planes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(planes.transpose(1, 2, 0), np.float32)
 
 
+def _grown(where: np.ndarray) -> np.ndarray:
+    """[height, width], True also at the eight neighbours."""
+    wide = np.pad(where, 1)
+    rows = wide[:-2] | wide[1:-1] | wide[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
 def _exposure(light: np.ndarray) -> float:
-    """Factor that brings the geometric mean of the light to 0.18, middle grey."""
-    lit = light[light > 0]
-    return float(0.18 / np.exp(np.mean(np.log(lit)))) if lit.size else 1.0
+    """Factor that brings the geometric mean of the light, which is not 0 everywhere, to 0.18, middle grey."""
+    return float(0.18 / np.exp(np.mean(np.log(light[light > 0]))))

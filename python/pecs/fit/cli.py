@@ -200,7 +200,7 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
 
     for file, moving in found.moving.items():
         if moving.correlation < FULL_CORRELATION:
-            why = f"got a correlation of {moving.correlation:.2f} of frames and events, wanted {FULL_CORRELATION:g}"
+            why = f"got a correlation of {moving.correlation:.3f} of frames and events, wanted {FULL_CORRELATION:g}"
             line.note(f"pecs: fit: {file}: {why} or more: the thresholds are uncertain (5 s of motion, sharp frames?)")
     if found.misfit is not None and found.misfit > LARGE_MISFIT:
         why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"

@@ -20,7 +20,8 @@ constexpr const ModelEntry* kModels[] = {&kModel_pecs, &kModel_esim, &kModel_v2e
 const ModelEntry& entry(const std::string& name) {
   for (const ModelEntry* model : kModels)
     if (model->name == name) return *model;
-  throw Error(ExitCode::usage, fmt::format("--model: got {}, wanted one of {}", name, fmt::join(model_names(), ", ")));
+  throw Error(ExitCode::usage,
+              fmt::format("--model: got {}, wanted one of {}, or FILE.py:CLASS", name, fmt::join(model_names(), ", ")));
 }
 
 // Defaults, replaced by the values of `choice`.

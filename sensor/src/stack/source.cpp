@@ -59,7 +59,8 @@ std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string&
       const std::string place = fmt::format("line {}", number);
       if (!(words >> time) || words >> rest || !(time >= 0) || time * ns > (unit ? 9e18L : 1e18L))
         throw bad_input(file_us->string(), place, line.substr(0, 40),
-                        fmt::format("one time in us; or {}", kStateTheUnit));
+                        unit ? fmt::format("one time in {}, and nothing else", name_of(*unit))
+                             : fmt::format("one time in us, and nothing else; or {}", kStateTheUnit));
       times.push_back(std::llround(time * ns));
       unit_check.add(static_cast<double>(times.back() - times.front()) * 1e-3);
       if (times.size() > 1 && times.back() <= times[times.size() - 2])

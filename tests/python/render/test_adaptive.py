@@ -10,7 +10,7 @@ import warnings
 
 import numpy as np
 import pytest
-from support import load_script, pecs_blender
+from support import in_bpy, load_script, pecs_blender
 
 pecs = pytest.importorskip("pecs")
 
@@ -109,6 +109,22 @@ def test_denoising_removes_the_noise_and_threads_change_nothing(blends):
     print(f"noise {error[0]:.3f}, denoised {error[1]:.3f}")
     assert error[1] < error[0] / 2
     assert files(adaptive(blends, "room", "--threads", 1)) == files(clean)
+
+
+BLACK = """
+import numpy as np
+from pecs_blender.camera.denoise import Denoiser
+light, guides = (np.zeros((n, 96, 96), np.float32) for n in (3, 6))
+light[:, 48:] = np.random.default_rng(0).gamma(4, 5e-5, (3, 48, 96))
+guides[:3], guides[5] = 0.5, 1
+clean = Denoiser()(light, guides)
+assert not clean[:, :46].any() and clean[:, 50:].min() > 0
+assert not Denoiser()(np.zeros_like(light), guides).any()
+"""
+
+
+def test_a_black_sky_stays_black():
+    in_bpy(BLACK)
 
 
 def test_the_share_of_noise_events_is_that_between_two_renders(blends, bench):

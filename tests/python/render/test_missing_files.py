@@ -3,7 +3,7 @@
 import pytest
 from support import in_bpy, pecs_blender
 
-pytest.importorskip("pecs")
+pecs = pytest.importorskip("pecs")
 
 MAKE = """
 import sys
@@ -223,5 +223,7 @@ def test_what_is_left_out_is_said(tmp_path, time):
     lines = pecs_blender("render", tmp_path / "dark.blend", "-o", tmp_path / "s", *words).stderr.splitlines()
     for text in ("no light reaches the camera", "without 'apart' of other view layers", "pixel aspect of 2:1"):
         assert len([line for line in lines if text in line]) == 1, (text, lines)
+    with pecs.StackReader(tmp_path / "s") as reader:
+        assert not reader.read_frame(0).any()
     quiet = pecs_blender("render", tmp_path / "dark.blend", "-o", tmp_path / "q", *words, "--quiet").stderr
     assert "view layer" not in quiet
