@@ -140,20 +140,28 @@ std::string plot(const Box& box, const std::string& title, const std::string& x_
     svg += label(sx(x), in_top + in_height + 12, fmt::format("{:.3g}", x), "middle", kSmall);
   }
   svg += label(in_left + 0.5 * in_width, in_top + in_height + 25, x_name, "middle", kSmall);
-  double label_y = in_top + 11;
+  std::string names;
+  double name_y = in_top + 11, right_sum = 0, right_count = 0;
   for (const Curve& c : curves) {
     std::string points;
     for (std::size_t i = 0; i < c.x.size(); ++i)
-      if (std::isfinite(c.y[i])) points += fmt::format("{:.1f},{:.1f} ", sx(c.x[i]), sy(c.y[i]));
+      if (std::isfinite(c.y[i])) {
+        points += fmt::format("{:.1f},{:.1f} ", sx(c.x[i]), sy(c.y[i]));
+        if (c.x[i] > 0.6 * x_high) right_sum += c.y[i], ++right_count;
+      }
     svg += fmt::format(
         "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-dasharray=\"{}\"/>\n", points,
         c.colour, c.width, c.dash);
     if (c.label.empty()) continue;
-    svg +=
-        label(in_left + in_width - 3, label_y, c.label, "end", fmt::format("{} fill=\"{}\"", kSmall, c.colour).c_str());
-    label_y += 12;
+    const std::string style =
+        fmt::format("{} fill=\"{}\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\"", kSmall, c.colour);
+    names += label(in_left + in_width - 3, name_y, c.label, "end", style.c_str());
+    name_y += 12;
   }
-  return svg;
+  // The names stand at the right, away from the curves.
+  const bool curves_are_high = right_sum > 0.5 * (y_low + y_high) * right_count;
+  const double down = curves_are_high ? in_height + in_top + 7 - name_y : 0;
+  return svg + fmt::format("<g transform=\"translate(0 {:.1f})\">{}</g>\n", down, names);
 }
 
 // Data of a chart: the spots of all fields and bands through the focused lens.

@@ -33,7 +33,8 @@ def open_scene(
     if path.suffix != ".blend":
         source: Source = FolderScene(load_scene(path, parameters))
     elif parameters:
-        raise UsageError(f"--set {parameters[0]}: only scene folders have parameters, not a .blend")
+        only = "only scene folders have parameters, not a .blend; values of a chip: pecs run … --sense --set"
+        raise UsageError(f"--set {parameters[0]}: {only}")
     else:
         source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts, camera)
     if place:

@@ -86,10 +86,8 @@ def _aedat4(path: Path) -> tuple[list[NDArray[Any]], Floats, Floats]:
     try:
         recording = dv.io.MonoCameraRecording(str(path))
         has_frames = recording.isFrameStreamAvailable()
-    except RuntimeError as e:
-        raise PecsInputError(
-            f"{path}: {' '.join(str(e).split())[:200]}, wanted AEDAT4, a ROS bag or a folder"
-        ) from None
+    except RuntimeError:
+        raise PecsInputError(f"{path}: got no recording with frames, wanted AEDAT4, a ROS bag or a folder") from None
     pictures, begin_us, length_us = [], [], []
     while has_frames and (frame := recording.getNextFrame()) is not None:
         pictures.append(np.array(frame.image))

@@ -199,6 +199,15 @@ class Video final : public Pictures {
     open();
   }
   std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }
+  sensor::SourceReport report() const override {
+    sensor::SourceReport out = Pictures::report();
+    if (left_out_)
+      out.warnings.push_back(fmt::format(
+          "{}: variable frame rate and B frames: the last {} frames are left out, whose times OpenCV does not know; "
+          "--times FILE has them",
+          name(), left_out_));
+    return out;
+  }
 
  private:
   // The frames' own times if they differ from the nominal rate by more than containers round.
@@ -213,15 +222,15 @@ class Video final : public Pictures {
       info_.times_ns = times.of(std::ssize(own_ms), path_.string());
       return;
     }
-    for (std::size_t i = 0; i < own_ms.size(); ++i) {
+    std::size_t timed = own_ms.size();
+    while (!has_time(own_ms, timed - 1)) --timed;
+    left_out_ = own_ms.size() - timed;
+    for (std::size_t i = 0; i < timed; ++i) {
       const double ms = own_ms[i];
-      if (!has_time(own_ms, i))
-        throw bad_input(path_.string(), fmt::format("time of frame {}", i), "none (OpenCV has none of last B frames)",
-                        "one, in a video of variable frame rate (or --fps, --times)");
       info_.times_ns.push_back(std::llround((ms - own_ms[0]) * 1e6));
       if (const auto& t = info_.times_ns; t.size() > 1 && t.back() <= t[t.size() - 2])
         throw bad_input(path_.string(), fmt::format("time of frame {}", t.size() - 1), fmt::format("{} ms", ms),
-                        "one after the frame before (or --fps, --times)");
+                        "one after the frame before (or --times FILE)");
     }
   }
 
@@ -251,6 +260,7 @@ class Video final : public Pictures {
   mutable std::mutex mutex_;
   mutable VideoFrames video_;
   bool variable_ = false;
+  std::size_t left_out_ = 0;  // frames at the end
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;
 };
