@@ -138,7 +138,7 @@ def _edges_us(path: Path) -> np.ndarray:
 
 
 def _fit(args: argparse.Namespace) -> None:
-    line = Line(20, task="fit", quiet=args.quiet, verbose=args.verbose)
+    line = Line(5, task="fit", quiet=args.quiet, verbose=args.verbose)
     found = (_fit_davis if args.davis else _fit_recordings)(args, lambda n: line(f"fit: {n} simulations", n))
     line.end()
     _report(found, args, line)
