@@ -21,7 +21,9 @@ _FAST, _HIGH = 4, 6  # OIDN_QUALITY
 _MEMORY_MB = 3000  # decides the tiles and so the last bits of the result: the same on every machine
 GUIDES = ("Denoising Albedo", "Denoising Normal")  # passes of Cycles
 CHANNELS = 3  # of each guide
-DARK = 1e-3  # middle grey is 0.18: below it, the filter draws light where there is none, as into a black sky
+# The filter draws traces of light where there is none: beside objects before a black sky, and on surfaces in the dark,
+# up to so much there (middle grey is 0.18).
+DARK = 1e-3
 
 
 def _library() -> ctypes.CDLL:
@@ -96,7 +98,8 @@ class Denoiser:
             exposure = _exposure(bands)
             self._filter(exposure, _FAST if fast else _HIGH, color=color, albedo=albedo, normal=normal, output=clean)
             if not lit.all():
-                clean[~_grown(lit) & (clean.max(axis=2) * exposure < DARK)] = 0
+                nothing = ~guides.any(axis=0) | (~_grown(lit) & (clean.max(axis=2) * exposure < DARK))
+                clean[~lit & nothing] = 0
             out[first : first + CHANNELS] = clean.transpose(2, 0, 1)[: len(bands)]
         return out
 

@@ -118,7 +118,9 @@ light, guides = (np.zeros((n, 96, 96), np.float32) for n in (3, 6))
 light[:, 48:] = np.random.default_rng(0).gamma(4, 5e-5, (3, 48, 96))
 guides[:3], guides[5] = 0.5, 1
 clean = Denoiser()(light, guides)
-assert not clean[:, :46].any() and clean[:, 50:].min() > 0
+assert not clean[:, :46].any() and clean[:, 50:].min() > 0  # a surface in the dark
+guides[:, :48] = 0
+assert not Denoiser()(light, guides)[:, :48].any()  # no surface
 assert not Denoiser()(np.zeros_like(light), guides).any()
 """
 
