@@ -1,12 +1,12 @@
 """What try_windows.sh runs in a Python for Windows that has the wheel: events in memory and in files, the package's
-half of the operating system (pecs/_platform_windows.py), and the extension's modules with a stand-in for Blender's."""
+half of the operating system (pecs/_platform_windows.py), and the extension in Blender.
+    try_python.py EXTENSION.zip ARGUMENTS_OF_RENDER..."""
 
-import importlib
 import os
-import pkgutil
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +30,12 @@ print("ready", flush=True)
 time.sleep(60)"""
 BUSY = """import hashlib, signal, sys, threading
 from pecs import _command
-threading.Timer(1, signal.raise_signal, [signal.SIGBREAK]).start()
 _command.GRACE_S = 0.5
 def run(args):
     print("\\u5317", flush=True)
+    threading.Timer(1, signal.raise_signal, [signal.SIGBREAK]).start()
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
 sys.exit(_command.answer(_command.Parser(prog="pecs test"), run, []))"""
-STAND_INS = """bpy bpy.props bl_operators bl_operators.presets bl_ui bl_ui.utils bpy_extras bpy_extras.view3d_utils
-blf gpu gpu_extras gpu_extras.batch gpu_extras.presets mathutils mathutils.bvhtree"""
 PIPE = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
 
 
@@ -48,10 +46,9 @@ def started(*arguments, **options):
 
 
 def try_events() -> None:
-    t_us = 1000.0 * np.arange(20)
     phase = 0.1 * np.arange(64) - 0.08 * np.arange(20)[:, None]
     frames = np.repeat((0.5 + 0.4 * np.sin(phase))[:, None, :], 48, axis=1)
-    events = pecs.simulate(frames, t_us, chip="imx636", photocurrent_a=1e-12, seed=1)
+    events = pecs.simulate(frames, 1000.0 * np.arange(20), chip="imx636", photocurrent_a=1e-12, seed=1)
     assert len(events) > 1000
     for format in (f for f in pecs.event_formats() if f["writes"]):
         extension = format["extensions"][0]
@@ -110,33 +107,36 @@ def try_system() -> None:
     pecs.version()
     assert _platform.loaded_library(_platform.library_file("pecs")).pecs_version
     Path("there").mkdir()
-    try:
+    with suppress(OSError):  # Wine before 9 has no junctions
         _platform.link_folder(Path("link"), Path("there").resolve())
-    except OSError as e:  # Wine before 9
-        print(f"    no junction here: {e}")
-    else:
         assert Path("link").resolve() == Path("there").resolve()
 
 
-def try_extension(folder: str) -> None:
-    """Imports every module; `bpy` and its relatives have whatever is asked of them."""
-    sys.path.insert(0, folder)
+def try_extension(archive: str, *render: str) -> None:
+    """Blender's module for Windows installs the extension; the panel renders a cube through a lens and simulates its
+    events; the command `render` writes `stack`, which try_windows.sh compares."""
+    import bpy
 
-    class Any(type):
-        def __getattr__(cls, name):
-            if name.startswith("__"):
-                raise AttributeError(name)
-            return Any(name, (), {"__init__": lambda *_, **__: None})
+    assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=archive) == {"FINISHED"}
+    bpy.ops.wm.save_userpref()  # a Blender without them removes the wheel
+    from bl_ext.user_default import pecs_blender
+    from bl_ext.user_default.pecs_blender.ui import background
 
-    for name in STAND_INS.split():
-        sys.modules[name] = Any(name, (), {"__path__": []})
-    sys.modules["bpy"].app = Any("app", (), {"version": (4, 5, 0)})
-    package = importlib.import_module("pecs_blender")
-    modules = [m.name for m in pkgutil.walk_packages(package.__path__, "pecs_blender.") if "__main__" not in m.name]
-    for name in modules:
-        importlib.import_module(name)
-    assert len(modules) > 60
-    print(f"    {len(modules)} modules of the extension")
+    folder = Path(pecs_blender.__file__).parents[1]
+    wheels = folder.parent.glob(".local/lib/python*/site-packages")
+    os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (folder, *wheels)))  # of Python that is no Blender
+    bpy.ops.wm.save_as_mainfile(filepath=str(Path("Würfel 北.blend").resolve()))
+    scene, settings = bpy.context.scene, bpy.context.scene.pecs
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    settings.lens, settings.samples, settings.frames, settings.whole_range = "pecs_lab_15mm", 1, 3, False
+    assert bpy.ops.pecs.run() == {"FINISHED"}
+    while background.poll() is not None:
+        time.sleep(0.1)
+    assert not background.state.is_error, background.state.message
+    assert Path("Würfel 北_events/Würfel 北.raw").is_file()
+    subprocess.run([sys.executable, "-m", "pecs_blender", "render", *render, "-o", "stack", "--quiet"], check=True)
+    print("    try_extension", flush=True)
+    os._exit(0)  # Blender's own exit may hang
 
 
 if __name__ == "__main__":
@@ -146,4 +146,4 @@ if __name__ == "__main__":
     for check in (try_events, try_files, try_processes, try_system):
         check()
         print(f"    {check.__name__}", flush=True)
-    try_extension(sys.argv[1])
+    try_extension(*sys.argv[1:])
