@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import pecs
 from pecs import _arguments
-from pecs._arguments import Quantity, account, flag
+from pecs._arguments import Quantity, account
 from pecs._errors import ExitCode, PecsError, PecsOutputError, UsageError, missing_package, one_line
-from pecs._options import SenseOptions
 from pecs._platform import discard
 from pecs._progress import report
 
@@ -32,7 +31,6 @@ if TYPE_CHECKING:  # they import bpy
 
 SCENE_KEYS = ("scene_name", "allow_scripts", "place", "camera")  # options that are arguments of open_scene
 SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
-OF_SENSE = "an option of pecs sense; write it after --sense"
 
 
 class Parser(_arguments.Parser):
@@ -82,7 +80,7 @@ def _run_options(command) -> None:
     text = "options that follow are passed to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise"
     add("--sense", nargs=argparse.REMAINDER, default=[], metavar="…", help=text)
     command.set_defaults(time="adaptive")
-    command.elsewhere = dict.fromkeys(map(flag, SenseOptions.__annotations__), OF_SENSE)
+    command.hint = "; options of pecs sense follow --sense"
 
 
 def _job_options(command) -> None:
