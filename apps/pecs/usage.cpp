@@ -99,6 +99,8 @@ std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
   if (const auto equals = text.find(" = "); text.starts_with(kConversion) && equals != std::string::npos)
     text = fmt::format("{}: got {}, wanted a whole number",
                        text.substr(kConversion.size(), equals - kConversion.size()), text.substr(equals + 3));
+  if (const auto at = text.find(": At Most 1 required but received"); at != std::string::npos)
+    text = text.substr(0, at) + ": is set twice; set it once";
   std::ranges::replace(text, '\n', ' ');
   return prefix(command) + text;
 }

@@ -80,6 +80,7 @@ def _run_options(command) -> None:
     text = "options that follow are passed to `pecs sense`: --seed 2 --set contrast_threshold_on=0.3 --no-noise"
     add("--sense", nargs=argparse.REMAINDER, default=[], metavar="…", help=text)
     command.set_defaults(time="adaptive")
+    command.hint = "; options of pecs sense follow --sense"
 
 
 def _job_options(command) -> None:

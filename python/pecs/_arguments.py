@@ -155,6 +155,7 @@ class Parser(argparse.ArgumentParser):
         self._positionals.title, self._optionals.title = "arguments", "options"
         self._talks = False
         self._given: set[argparse.Action] = set()
+        self.hint = ""  # at an unknown option
 
     def error(self, message: str) -> NoReturn:
         if found := re.match(r"argument ([-\w/]+): ", message):  # argparse's; the long name of an option suffices
@@ -198,7 +199,8 @@ class Parser(argparse.ArgumentParser):
             if name in known and known[name].nargs == argparse.REMAINDER:
                 break
             if name.startswith("--") and name not in known:
-                self.error(f"{name}: no such option; nearest: {nearest(name, [n for n in known if n[:2] == '--'])}")
+                near = nearest(name, [n for n in known if n[:2] == "--"])
+                self.error(f"{name}: no such option; nearest: {near}{self.hint}")
         if commands and (words := [w for w in args or () if not w.startswith("-")][:1]):
             if words[0] not in commands[0].choices:
                 self.error(f"{words[0]}: no such command; nearest: {nearest(words[0], list(commands[0].choices))}")

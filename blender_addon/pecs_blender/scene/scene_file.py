@@ -100,7 +100,8 @@ def load_scene(folder: Path, overrides: Sequence[str]) -> SceneFile:
             continue
         key, equals, value = text.partition("=")
         if not equals or key not in declared:
-            raise UsageError(f"--set {text}: got an unknown parameter, wanted one of {', '.join(declared)}")
+            wanted = f"one of {', '.join(declared)} (values of a chip: pecs run … --sense --set)"
+            raise UsageError(f"--set {text}: got an unknown parameter, wanted {wanted}")
         values[key] = _parsed(key, value)
         declared[key].check("--set", key, values[key])
     return SceneFile(folder, camera, values)

@@ -117,5 +117,5 @@ class ProceduralConfig:
 
     count: int = 280
     size: int = 128
-    duration_us: int = 2_000_000
+    duration_us: int = 3_000_000
     model: str = "pecs"

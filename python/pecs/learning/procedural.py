@@ -72,9 +72,8 @@ def _shapes(rng: Rng) -> Picture:
 
 
 def _text(rng: Rng) -> Picture:
-    paper = rng.uniform(0.5, 1)
-    out = np.full((TEXTURE_PX, TEXTURE_PX), paper, np.float32)
-    for _ in range(int(rng.integers(15, 50))):
+    out = np.full((TEXTURE_PX, TEXTURE_PX), rng.uniform(0.5, 1), np.float32)
+    for _ in range(round(_uniform_log(rng, 1, 50))):
         word = "".join(rng.choice(LETTERS, int(rng.integers(2, 8))))
         at = tuple(int(v) for v in rng.uniform(0, TEXTURE_PX, 2))
         font, size, ink = int(rng.integers(0, 8)), rng.uniform(0.3, 1.8), float(rng.uniform(0, 0.6))
@@ -91,7 +90,8 @@ def _checks(rng: Rng) -> Picture:
 
 
 def _plain(rng: Rng) -> Picture:
-    return np.full((TEXTURE_PX, TEXTURE_PX), rng.uniform(0, 1), np.float32)
+    """Most things are dark or bright."""
+    return np.full((TEXTURE_PX, TEXTURE_PX), rng.beta(0.5, 0.5), np.float32)
 
 
 def _texture(rng: Rng) -> Picture:
@@ -133,15 +133,22 @@ def _pauses(rng: Rng, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _layers(rng: Rng, times_s: NDArray[np.float64], fastest_px_s: float) -> Iterator[Layer]:
-    """The background and up to four things before it. All of them stand in pauses, or each has its own."""
+    """The background and up to four things before it. In half of the sequences the camera moves, and all move alike but
+    for their distance; in the others each moves by itself. All of them stand in pauses, or each has its own."""
     common = _pauses(rng, times_s) if rng.random() < 0.7 else None
-    for i in range(int(rng.integers(1, 6))):
+
+    def motion(near: float) -> Iterator[NDArray[np.float64]]:
         still = _pauses(rng, times_s) if common is None else common
-        speed = fastest_px_s * (1 if i == 0 else rng.uniform(0.2, 1))
-        x, y = (_path(rng, times_s, still, speed) + (rng.uniform(-45, 45) if i else 0) for _ in range(2))
-        turn = _path(rng, times_s, still, _uniform_log(rng, 0.03, 2))
-        grow = np.exp(_path(rng, times_s, still, _uniform_log(rng, 0.01, 0.5)))
-        yield Layer(_texture(rng), _cover(rng) if i else np.ones((TEXTURE_PX,) * 2, np.float32), x, y, turn, grow)
+        fastest = near * fastest_px_s, near * fastest_px_s, _uniform_log(rng, 0.03, 2), _uniform_log(rng, 0.01, 0.5)
+        return (_path(rng, times_s, still, most) for most in fastest)
+
+    shared = list(motion(1)) if rng.random() < 0.5 else None
+    for i in range(int(rng.integers(1, 6))):
+        cover = _cover(rng) if i else np.ones((TEXTURE_PX,) * 2, np.float32)
+        apart = rng.uniform(-45, 45, 2) if i else (0, 0)
+        nearer = rng.uniform(0.9, 1.2) if i else 1
+        x, y, turn, grow = [nearer * a for a in shared] if shared else motion(rng.uniform(0.2, 1) if i else 1)
+        yield Layer(_texture(rng), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
 
 
 def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Picture]:

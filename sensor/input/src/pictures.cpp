@@ -202,10 +202,11 @@ class Video final : public Pictures {
   sensor::SourceReport report() const override {
     sensor::SourceReport out = Pictures::report();
     if (left_out_)
-      out.warnings.push_back(fmt::format(
-          "{}: variable frame rate and B frames: the last {} frames are left out, whose times OpenCV does not know; "
-          "--times FILE has them",
-          name(), left_out_));
+      out.warnings.push_back(
+          fmt::format("{}: variable frame rate and B frames: the last {} frames are left out, whose times OpenCV does "
+                      "not know; all "
+                      "times by ffprobe (docs/reference/sensor.md#input), with --times FILE --time-unit s",
+                      name(), left_out_));
     return out;
   }
 

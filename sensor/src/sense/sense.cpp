@@ -389,7 +389,13 @@ Chip chip_of(const SenseOptions& options) {
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
   if (options.frames) check_has_frames(chip, "--frames");
   chip.takes_frames = options.frames.has_value();
-  return options.no_noise ? without_noise(chip) : chip;
+  if (!options.no_noise) return chip;
+  const Chip quiet = without_noise(chip);
+  const Json with = chip_to_json(chip)["values"], without = chip_to_json(quiet)["values"];
+  for (const std::string& text : options.overrides)
+    if (const std::string key = text.substr(0, text.find('=')); with.value(key, Json()) != without.value(key, Json()))
+      throw Error(ExitCode::usage, fmt::format("--no-noise: got --set {} as well, wanted one of them", text));
+  return quiet;
 }
 
 SenseReport sense(const SenseOptions& options) {
