@@ -160,7 +160,7 @@ class ActivePixels {
       rows_.v[1][p] = g.v[k];
       rows_.u[1][p] = 1 / g.w[k];
       if constexpr (kAmplifier) rows_.y[1][p] = g.y[k];
-      rows_.e[1][p] = g.e[k];
+      if (a_.e) rows_.e[1][p] = g.e[k];
       if (is_noisy_) rows_.n[1][p] = g.n_step[k], rows_.z[1][p] = g.z_step[k];
     }
   }
@@ -183,9 +183,12 @@ class ActivePixels {
     V longest = hn::Set(F(), 1.0f);
     const Photoreceptor<V>::Motion now{get(g.follows), get(g.relaxes)};
     if constexpr (kAmplifier) longest = amplifier(t).step_length(r, now, get(g.v), get(g.y));
-    const V one = hn::Set(F(), 1.0f), x = hn::Set(F(), slow_h_of(a_, t));  // as long as e is nearly a cubic
-    longest = hn::IfThenElse(hn::Gt(hn::Mul(hn::Abs(get(g.e)), x), hn::Set(F(), kTolerance)),
-                             hn::Min(longest, hn::Div(one, x)), longest);
+    const V one = hn::Set(F(), 1.0f);
+    if (a_.e) {  // as long as e is nearly a cubic
+      const V x = hn::Set(F(), slow_h_of(a_, t));
+      longest = hn::IfThenElse(hn::Gt(hn::Mul(hn::Abs(get(g.e)), x), hn::Set(F(), kTolerance)),
+                               hn::Min(longest, hn::Div(one, x)), longest);
+    }
     const Photoreceptor<V>::Step step = r.choose(now, longest, hn::Min(get(g.exposure), one));
     set(g.ds, step.ds);
     set(g.s_next, step.end);

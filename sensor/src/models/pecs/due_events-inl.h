@@ -98,7 +98,7 @@ class DueEvents {
         const bool ends = a_.exposures.steps[next_step_[p]].ends;
         const float step = step_of(p), slow = static_cast<float>(ends ? -a_.exposures.slow : a_.exposures.slow);
         if (a_.marks) mark(t, g, k, step, slow);
-        g.e[k] += slow;
+        if (a_.e) g.e[k] += slow;
         if (a_.constants.b_per_us > 0) {
           g.y[k] += step;
         } else {
