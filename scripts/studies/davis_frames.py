@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 CHIP, WIDTH, HEIGHT, PERIOD_US, BEGIN_US = "davis240c", 240, 180, 138121.3, -471.0
 WHITE_A, BLACK_DN, WHITE_DN, DARKEST = 4.5e-13, 4, 235, 0.03
 LAMP_HZ, LAMP_DEPTH, LAMP_TURN = 100.146, 0.1125, -0.008
-SHARED, SHARED_TURN = 0.0294, 0.447  # a current that all pixels share, of white, and its lag behind the lamp
+SHARED, SHARED_TURN = 0.0294, 0.467  # a current that all pixels share, of white, and its lag behind the lamp
 SHARP, CENTRE, MUG_DN = (2, 6, 7, 8, 13, 17, 20, 23, 26), 20, 28  # frames; grey value of the mug in frames of still.npz
 EDGE_PX, SLICE_US, SMOOTH, DRAG, CHANCE = 40, 4000, 2.5, 0.3, 0.02  # CHANCE: of noise events
 LEAD_US = 2 * PERIOD_US

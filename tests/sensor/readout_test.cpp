@@ -170,6 +170,7 @@ TEST(Causes, EachAloneIsNamed) {
 TEST(Causes, ExposuresFireUpAndDownAtTheFrameClock) {
   Chip chip = without_noise(load_chip("davis346"));
   chip.frame_row_s = 1e-5;
+  chip.frame_step_slow = 0;
   const auto fired = [&](double step, double refractory, double light_fa = 0.1) {
     chip.frame_step = step * chip.contrast_threshold_on;
     chip.refractory_period_s = refractory / (2 * std::numbers::pi * chip.amplifier_cutoff_hz);
@@ -189,6 +190,19 @@ TEST(Causes, ExposuresFireUpAndDownAtTheFrameClock) {
   }
   EXPECT_EQ(fired(1.5, std::log(1.6)).events.size(), 60 * 60 * 2 * 5);  // 1.5 / 1.6 thresholds are left to go back
   EXPECT_EQ(fired(1.5, std::log(1.4)).events.size(), 60 * 60 * 4 * 5);
+
+  // The slow part S has its own time constant: it goes back by a threshold when S (exp(-r / tau) - exp(-t / tau)) is
+  // one.
+  chip.frame_step_slow = 1.5 * chip.contrast_threshold_on;
+  chip.frame_step_slow_s = 1e-3;
+  const double back_us = -1e3 * std::log(std::exp(-0.2) - 1 / 1.5);
+  const LabelledEvents slow = fired(0, 0.2e-3 * 2 * std::numbers::pi * chip.amplifier_cutoff_hz);
+  EXPECT_EQ(slow.events.size(), 60 * 60 * 4 * 5);
+  for (const Event& e : slow.events) {
+    const double begin_us = std::fmod(static_cast<double>(e.t_us), 1e6 * chip.frame_period_s) - 10 * e.y;
+    const bool ends = begin_us > 5e5 * chip.frame_exposure_s;
+    EXPECT_NEAR(begin_us, (ends ? 1e6 * chip.frame_exposure_s : 0) + (e.p != ends ? 0 : back_us), 6);
+  }
 }
 
 TEST(Causes, SignalAmongLeakIsTheLargerPart) {

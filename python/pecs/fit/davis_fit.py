@@ -21,7 +21,7 @@ from .recordings import StillEvents
 from .search import FLICKER, FREE, LIGHT, PHASE, Floats, Search, back, forward
 
 PIXELS_PER_SIMULATED = 4  # of --pixels: still pixels are cheap
-LIGHT_SD, SPREAD_SD = 1.0, 0.5  # of logarithms, about the start: hardly constrained
+LIGHT_SD, SPREAD_SD = 1.0, 1.0  # of logarithms, about the start: hardly constrained
 WHITE_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.7  # of a logarithm; a value known less well is kept
 HISTORY_SD = 0.2  # of ln noise_std: the rate of noise in still light depends for minutes on the light before

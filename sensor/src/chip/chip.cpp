@@ -62,8 +62,10 @@ constexpr std::array kValues = {
     Value{"frame_adc_bits", "bit", 1, 16, &Chip::frame_adc_bits},
     Value{"frame_step", "ln", 0, 5, &Chip::frame_step},
     Value{"frame_step_spread", "1", 0, 2, &Chip::frame_step_spread},
+    Value{"frame_step_slow", "ln", 0, 5, &Chip::frame_step_slow},
+    Value{"frame_step_slow_s", "s", 1e-6, 10, &Chip::frame_step_slow_s},
 };
-constexpr std::size_t kFrameValues = 13;  // the last ones, those of the object `frames`, which a profile may lack
+constexpr std::size_t kFrameValues = 15;  // the last ones, those of the object `frames`, which a profile may lack
 
 bool is_whole(double v) { return v == std::floor(v); }
 

@@ -91,8 +91,9 @@ struct Chip {
   double frame_offset_dn = 0, frame_offset_mismatch_dn = 0;  // of no light; standard deviation over the pixels
   double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s beside dark_current_a
   double frame_adc_bits = 0;
-  double frame_step = 0, frame_step_spread = 0;  // of V while exposed [ln units]: median; std of its logarithm
-  bool takes_frames = false;                     // on request: the pixels feel the exposures
+  double frame_step = 0, frame_step_spread = 0;       // of y [ln units]: median; std of its logarithm
+  double frame_step_slow = 0, frame_step_slow_s = 1;  // of what the comparators see; its time constant
+  bool takes_frames = false;                          // on request: the pixels feel the exposures
   bool has_frames() const { return frame_period_s > 0; }
 
   std::map<std::string, Range> ranges;         // of the profile's values, by their keys

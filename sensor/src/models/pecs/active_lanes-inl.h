@@ -25,7 +25,7 @@ HWY_INLINE void put(V v, float* row, std::uint32_t p) { hn::Store(v, F(), row + 
 struct BlockRows {
   static constexpr std::uint32_t kPixels = 2048;
   std::uint32_t first = 0, count = 0;
-  HWY_ALIGN float memory[23][kPixels];
+  HWY_ALIGN float memory[25][kPixels];
   float* l[3] = {memory[0], memory[1], memory[2]};  // ln I
   float* i[3] = {memory[3], memory[4], memory[5]};  // photo- plus dark current I [fA]
   float* g[3] = {memory[6], memory[7], memory[8]};  // 1/I
@@ -36,6 +36,7 @@ struct BlockRows {
   float* y[2] = {memory[17], memory[18]};  // output of the amplifier
   float* n[2] = {memory[19], memory[20]};  // noise of the photoreceptor
   float* z[2] = {memory[21], memory[22]};  // noise that the amplifier passes
+  float* e[2] = {memory[23], memory[24]};  // slow part of the steps by exposures
   HWY_ALIGN float reference[kPixels], blind_us[kPixels], on[kPixels], off[kPixels];
   // Values of an interval: integral of the noise's rate, and its standard deviation; gate: ActivePixels::examine.
   HWY_ALIGN float relaxation[kPixels], noise_std[kPixels], gate[kPixels];
@@ -43,6 +44,10 @@ struct BlockRows {
 
 inline float a_h_of(const KernelArguments& a, const IntervalTimes& t) {
   return static_cast<float>(a.constants.a_per_us) * t.h_us;
+}
+// An interval in time constants of the slow part.
+inline float slow_h_of(const KernelArguments& a, const IntervalTimes& t) {
+  return t.h_us / static_cast<float>(a.exposures.slow_us);
 }
 
 // A pixel in whose interval few crossings are expected is at work with their probability. Its number in [0, 1), the
@@ -60,10 +65,10 @@ struct ActiveLanes {
   HWY_ALIGN float background[kLanes], exposure[kLanes];  // next of DueEvents
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
   HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
-  HWY_ALIGN float y[kLanes];                                                  // of the amplifier
-  HWY_ALIGN float follows[kLanes], relaxes[kLanes];                           // its motion
-  HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];                     // of the next step
-  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes];                       // of the last step: V with the leak
+  HWY_ALIGN float y[kLanes], e[kLanes];                    // of the amplifier; slow part of the steps by exposures
+  HWY_ALIGN float follows[kLanes], relaxes[kLanes];        // its motion
+  HWY_ALIGN float ds[kLanes], s_next[kLanes], m0[kLanes];  // of the next step
+  HWY_ALIGN float q[4][kLanes], s0[kLanes], s1[kLanes];    // of the last step: V with the leak
   // Noise: its state at the interval's end (not known where free: the light is too fast for one rate), and where the
   // step ends; rate: integral over the interval.
   HWY_ALIGN float n_last[kLanes], z_last[kLanes], free[kLanes], n_step[kLanes], z_step[kLanes];

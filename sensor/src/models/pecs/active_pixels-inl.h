@@ -146,6 +146,7 @@ class ActivePixels {
       take(g.v, of(rows_.v[0]));
       set_motion(g, photoreceptor(t, g).motion());
       if constexpr (kAmplifier) take(g.y, of(rows_.y[0]));
+      if (a_.e) take(g.e, of(rows_.e[0]));
     }
   }
   // Ends a pixel's interval.
@@ -159,6 +160,7 @@ class ActivePixels {
       rows_.v[1][p] = g.v[k];
       rows_.u[1][p] = 1 / g.w[k];
       if constexpr (kAmplifier) rows_.y[1][p] = g.y[k];
+      rows_.e[1][p] = g.e[k];
       if (is_noisy_) rows_.n[1][p] = g.n_step[k], rows_.z[1][p] = g.z_step[k];
     }
   }
@@ -181,7 +183,10 @@ class ActivePixels {
     V longest = hn::Set(F(), 1.0f);
     const Photoreceptor<V>::Motion now{get(g.follows), get(g.relaxes)};
     if constexpr (kAmplifier) longest = amplifier(t).step_length(r, now, get(g.v), get(g.y));
-    const Photoreceptor<V>::Step step = r.choose(now, longest, hn::Min(get(g.exposure), hn::Set(F(), 1.0f)));
+    const V one = hn::Set(F(), 1.0f), x = hn::Set(F(), slow_h_of(a_, t));  // as long as e is nearly a cubic
+    longest = hn::IfThenElse(hn::Gt(hn::Mul(hn::Abs(get(g.e)), x), hn::Set(F(), kTolerance)),
+                             hn::Min(longest, hn::Div(one, x)), longest);
+    const Photoreceptor<V>::Step step = r.choose(now, longest, hn::Min(get(g.exposure), one));
     set(g.ds, step.ds);
     set(g.s_next, step.end);
     set(g.m0, step.slope_of_v);
@@ -227,6 +232,11 @@ class ActivePixels {
         v = hermite(v0, v1, m0, m1);
       }
       set(g.v, v1);
+      if (a_.e) {
+        const V e0 = get(g.e), x = hn::Mul(hn::Set(f, -slow_h_of(a_, t)), get(g.ds)), e1 = hn::Mul(e0, exp(x));
+        v = v + hermite(e0, e1, hn::Mul(x, e0), hn::Mul(x, e1));
+        set(g.e, hn::IfThenElse(ready, e1, e0));
+      }
     }
     const V leak = hn::Set(f, t.leak);
     v.c0 = hn::MulAdd(leak, begin, v.c0);

@@ -91,12 +91,14 @@ class DueEvents {
   }
 
   // Steps of the amplifier's output (without one, of V), up where an exposure begins and down where it ends. It then
-  // relaxes to V (V to the light).
+  // relaxes to V (V to the light); the slow part, by itself.
   HWY_INLINE void expose(const IntervalTimes& t, ActiveLanes& g, M exposed) {
     each(exposed, [&](std::size_t k) {
       for (const std::uint32_t p = g.pixels[k]; g.exposure[k] <= g.s[k]; g.exposure[k] = step_s(p, t)) {
-        const float step = step_of(p);
-        if (a_.marks) mark(t, g, k, step);
+        const bool ends = a_.exposures.steps[next_step_[p]].ends;
+        const float step = step_of(p), slow = static_cast<float>(ends ? -a_.exposures.slow : a_.exposures.slow);
+        if (a_.marks) mark(t, g, k, step, slow);
+        g.e[k] += slow;
         if (a_.constants.b_per_us > 0) {
           g.y[k] += step;
         } else {
@@ -127,10 +129,10 @@ class DueEvents {
     if (next_step_[p] == a_.exposures.steps.size() || step_us(p) >= t.t1_us) return kNone;
     return std::clamp(in_interval(step_us(p), t), kEdge, 1 - kEdge);
   }
-  void mark(const IntervalTimes& t, const ActiveLanes& g, std::size_t k, float step) {
+  void mark(const IntervalTimes& t, const ActiveLanes& g, std::size_t k, float step, float slow) {
     ResetMark& mark = a_.marks[rows_.first + g.pixels[k]];
     mark.step_us = t.t0_us + double{g.exposure[k]} * t.h_us;
-    mark.step = step;
+    mark.step = step, mark.slow = slow;
     mark.output = Cubic<float>{g.q[0][k], g.q[1][k], g.q[2][k], g.q[3][k]}.at(1.0f) + g.z1[k];
   }
   // A charge on the photoreceptor's node, drawn for each pixel and frame.

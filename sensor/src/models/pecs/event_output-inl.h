@@ -25,7 +25,7 @@ class EventOutput {
     each(which, [&](std::size_t k) {
       ResetMark& mark = a_.marks[rows_.first + g.pixels[k]];
       mark.t_us = t.t0_us + double{at_s[k]} * t.h_us, mark.noise = of_noise[k], mark.phase = 0;
-      if (mark.t_us > mark.step_us) mark.step = 0;
+      if (mark.t_us > mark.step_us) mark.step = mark.slow = 0;
     });
   }
 
@@ -39,7 +39,8 @@ class EventOutput {
     const double since_us = t_us - mark.step_us;
     const PixelConstants& c = a_.constants;
     const double relaxed = since_us * (c.b_per_us > 0 ? c.b_per_us : c.a_per_us * rows_.i[0][p]);
-    const double stepped = sign * mark.step * std::exp(-relaxed);
+    const double stepped =
+        sign * (mark.step * std::exp(-relaxed) + mark.slow * std::exp(-since_us / a_.exposures.slow_us));
     const double moved = threshold - sign * double{mark.output - reference};
     if (stepped > 0 && since_us >= 0 && 2 * stepped > moved) return Cause::frame;
     const double signal = threshold - noise - leaked - sign * double{mark.phase};

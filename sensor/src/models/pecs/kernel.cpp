@@ -96,6 +96,7 @@ class PixelBlock {
       take(a_.w, rows_.w[0], 1);
       if constexpr (kAmplifier) take(a_.y, rows_.y[0], 0);
     }
+    if (a_.e) take(a_.e, rows_.e[0], 0);
     if (is_noisy_) {
       take(a_.n, rows_.n[0], 0);
       take(a_.z, rows_.z[0], 0);
@@ -157,6 +158,7 @@ class PixelBlock {
       give(rows_.w[0], a_.w);
       if constexpr (kAmplifier) give(rows_.y[0], a_.y);
     }
+    if (a_.e) give(rows_.e[0], a_.e);
     if (is_noisy_) {
       give(rows_.n[0], a_.n);
       give(rows_.z[0], a_.z);
@@ -358,7 +360,14 @@ class PixelBlock {
       count += compress.count();
     };
     // Pixels that may fire while the output without noise is between low and high, relative to the reference.
+    const V slow = hn::Set(f, slow_h_of(a_, t)), stays = exp(hn::Neg(slow));
     const auto may_fire = [&](std::uint32_t p, V low, V high, V steepest) {
+      if (a_.e) {
+        const V e0 = at(rows_.e[0], p), e1 = hn::Mul(stays, e0);
+        put(e1, rows_.e[1], p);
+        low = hn::Add(low, hn::Min(e0, e1)), high = hn::Add(high, hn::Max(e0, e1));
+        steepest = hn::MulAdd(slow, hn::Abs(e0), steepest);
+      }
       const V to_on = hn::Sub(at(rows_.on, p), high), to_off = hn::Add(low, at(rows_.off, p));
       const M blind = hn::Gt(at(rows_.blind_us, p), hn::Zero(f));
       if (!is_noisy_) return hn::Or(blind, hn::Le(hn::Min(to_on, to_off), hn::Zero(f)));
@@ -411,7 +420,8 @@ class PixelBlock {
     if (a_.constants.leak_per_us > 0)
       for (std::uint32_t p = 0; p < vectors_end_; p += lanes())
         put(hn::Sub(at(rows_.reference, p), leaks), rows_.reference, p);
-    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.y, rows_.n, rows_.z}) std::swap(row[0], row[1]);
+    for (float** row : {rows_.m, rows_.w, rows_.v, rows_.u, rows_.y, rows_.n, rows_.z, rows_.e})
+      std::swap(row[0], row[1]);
   }
 
   // The noise at the interval's end, and the pixels that are blind or whose output may cross a threshold on the way,

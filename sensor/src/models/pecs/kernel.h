@@ -17,6 +17,7 @@ struct KernelArguments {
   float *light0, *light1;  // of the last two frames: I [fA] (run_kernel) or ln I (run_threshold_kernel)
   float *m0, *reference, *blind_us, *w;
   float *y, *n, *z;  // with an amplifier: its output; noise before and behind it (noise.h)
+  float* e;          // slow part of the steps by exposures; null: none
   std::span<const float* const> planes;
   std::int64_t first_frame;
   double start_us;                           // time of the first known frame

@@ -60,7 +60,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
       seed_(setup.seed),
       noise_seed_(setup.noise_seed),
       random_phase_(setup.random_phase),
-      takes_frames_(setup.chip.takes_frames && setup.chip.frame_step > 0),
+      takes_frames_(setup.chip.takes_frames && setup.chip.frame_step + setup.chip.frame_step_slow > 0),
       frame_period_us_(setup.chip.frame_period_s * 1e6),
       frame_exposure_us_(setup.chip.frame_exposure_s * 1e6),
       rolled_us_(setup.chip.frame_row_s * 1e6 * (setup.height - 1)),
@@ -68,7 +68,9 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
                  setup.chip.frame_row_s * 1e6,
                  static_cast<std::uint32_t>(setup.width),
                  setup.chip.frame_step,
-                 setup.chip.frame_step_spread},
+                 setup.chip.frame_step_spread,
+                 setup.chip.frame_step_slow,
+                 setup.chip.frame_step_slow_s * 1e6},
       map_(setup.chip.pixel_map),
       width_(static_cast<std::uint32_t>(setup.width)) {
   const Chip& chip = setup.chip;
@@ -96,6 +98,7 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
   if (!has_thresholds_only()) blind_us_ = Zeros(padded);
   if (constants_.a_per_us > 0) w_ = Zeros(padded);
   if (constants_.b_per_us > 0) y_ = Zeros(padded);
+  if (takes_frames_ && exposures_.slow > 0) e_ = Zeros(padded);
   if (noise_std_ > 0)
     for (Zeros* row : {&n_, &z_}) *row = Zeros(padded);
 }
@@ -190,6 +193,7 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        y_.data(),
        n_.data(),
        z_.data(),
+       e_.data(),
        batch.planes,
        batch.first_frame,
        times ? batch.t_us[0] : 0,

@@ -29,13 +29,13 @@ struct HotPixel {
 };
 
 // Time and noise at a pixel's last reset, for the causes of events. phase: distance from the reference then, not 0
-// only for pixels that begin at a random one. step: of V, by an exposure at step_us, where the output was `output`; 0
+// only for pixels that begin at a random one. step, slow: by an exposure at step_us, where the output was `output`; 0
 // before the first one after the reset.
 struct ResetMark {
   double t_us = 0;
   float noise = 0, phase = 0;
   double step_us = 0;
-  float step = 0, output = 0;
+  float step = 0, slow = 0, output = 0;
 };
 
 // The begin or end of an exposure of the chip's frames, in row 0.
@@ -48,7 +48,8 @@ struct ExposureSteps {
   std::span<const ExposureStep> steps;  // by time
   double row_us = 0;                    // delay from row to row
   std::uint32_t width = 1;
-  double step = 0, spread = 0;  // of V [ln units]: median; standard deviation of its logarithm
+  double step = 0, spread = 0;   // of y [ln units]: median; standard deviation of its logarithm
+  double slow = 0, slow_us = 1;  // of all that the comparators see; its time constant
 };
 
 struct PixelConstants {
@@ -91,7 +92,7 @@ class PecsPixels : public PixelModel {
   Zeros m0_;                                                // slope of ln I [1/us] at the earlier one
   Zeros reference_, blind_us_;                              // blind_us_: empty with thresholds only
   Zeros w_;                                                 // photoreceptor; empty when infinitely fast
-  Zeros y_, n_, z_;                                         // amplifier and noise (kernel.h); empty without
+  Zeros y_, n_, z_, e_;                                     // as in kernel.h; empty without
   std::vector<HotPixel> hot_;                               // sorted
   std::shared_ptr<const PixelMap> map_;
   std::uint32_t width_;
