@@ -24,6 +24,7 @@ PIXELS_PER_SIMULATED = 4  # of --pixels: still pixels are cheap
 LIGHT_SD, SPREAD_SD = 1.0, 1.0  # of logarithms, about the start: hardly constrained
 WHITE_A = 5e-13  # photocurrent of white where a search begins
 MAX_SD = 0.7  # of a logarithm; a value known less well is kept
+LARGE_STEPS = 1.3  # bursts are of steps above the median by as many spreads: with more spread, the median is lower
 HISTORY_SD = 0.2  # of ln noise_std: the rate of noise in still light depends for minutes on the light before
 LEAST_HOT = 4  # events of a hot pixel
 LEAST_FOUND = 0.2  # share of hot pixels that have as many; below it, their number is not known
@@ -246,7 +247,9 @@ class _Still:
         problem, keys, sd = self.problem, self.keys, np.sqrt(np.diag(spread))
         best = self.search.values(keys, x)
         self.values: Values = {}
-        threshold_sd = moving.threshold_on[1] / moving.threshold_on[0]
+        threshold_sd = float(
+            np.hypot(moving.threshold_on[1] / moving.threshold_on[0], np.log(moving.doubt) / NORMAL_95)
+        )
         for i, key in enumerate(keys):
             more = {"noise_std": float(np.hypot(threshold_sd, HISTORY_SD)), "frame_step": threshold_sd}.get(key, 0.0)
             wide = float(np.hypot(sd[i], more))
@@ -261,6 +264,11 @@ class _Still:
                 self.light = value
             elif key not in (FLICKER, PHASE):
                 self.values[key] = value
+        step, width = (self.values.get(key) for key in ("frame_step", "frame_step_spread"))
+        if step and width and step.fitted and width.fitted:
+            of_width = (float(np.exp(LARGE_STEPS * (width.value - end))) for end in width.interval[::-1])
+            least, most = (end * factor for end, factor in zip(step.interval, of_width, strict=True))
+            self.values["frame_step"] = Value(step.value, (least, most), step.start)
         self.simulated: StillStatistics = problem.simulate(best)
         numbers, deviation = problem.simulated(best), np.sqrt(self.search.variance)
         rows = zip(problem.names, problem.measured, numbers, deviation, strict=True)
