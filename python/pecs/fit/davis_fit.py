@@ -15,7 +15,7 @@ from ..chip import Chip
 from . import hot
 from .davis import Moving, find_exposures, measure_moving, refractory_us
 from .davis_recording import Davis, DavisEvents, load_davis
-from .davis_still import MODEL_SD, MOST_WINDOWS, StillProblem, StillStatistics, still_windows
+from .davis_still import AFTER_US, BURST_US, MODEL_SD, MOST_WINDOWS, StillProblem, StillStatistics, still_windows
 from .estimate import NORMAL_95, Compared, Fitted, Value, kept
 from .recordings import StillEvents
 from .search import FLICKER, FREE, LIGHT, PHASE, Floats, Search, back, forward
@@ -155,14 +155,21 @@ def _of_motion(moving: Moving, base: dict[str, float]) -> Values:
 
 
 def _of_hot_pixels(of: DavisEvents, windows: NDArray[np.int64], base: dict[str, float]) -> Values:
-    """Counted in still windows."""
-    e, counts = of.events, np.zeros((2, of.shape[0] * of.shape[1]), np.int64)
+    """Counted in still windows, where no exposure has begun or ended (unless one always has)."""
+    counts, exposure_us = np.zeros((2, of.shape[0] * of.shape[1]), np.int64), float(np.median(of.end_us - of.begin_us))
+
+    def calm(phase_us: Floats) -> NDArray[np.bool_]:
+        since_us = (phase_us - BURST_US[0] - np.array([[0.0], [exposure_us]])) % of.period_us
+        return np.all(since_us > AFTER_US - BURST_US[0], axis=0)
+
+    share = float(calm(np.linspace(0, of.period_us, 1000)).mean())
     for k in windows:
-        a, b = np.searchsorted(e["t"], (of.begin_us[k], of.begin_us[k] + of.period_us))
-        pixel = e["y"][a:b].astype(np.int64) * of.shape[1] + e["x"][a:b]
+        e = of.events[slice(*np.searchsorted(of.events["t"], (of.begin_us[k], of.begin_us[k] + of.period_us)))]
+        e = e[calm(e["t"] - of.begin_us[k])] if share > 0 else e
+        pixel = e["y"].astype(np.int64) * of.shape[1] + e["x"]
         for i, p in enumerate((1, 0)):
-            counts[i] += np.bincount(pixel[e["p"][a:b] == p], minlength=counts.shape[1])
-    seconds = 1e-6 * of.period_us * len(windows)
+            counts[i] += np.bincount(pixel[e["p"] == p], minlength=counts.shape[1])
+    seconds = 1e-6 * of.period_us * len(windows) * (share or 1.0)
     found = hot.find([StillEvents(of.name, 1.0, *counts, seconds)])
     assert found
     is_hot, still = found

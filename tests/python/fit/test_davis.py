@@ -161,7 +161,7 @@ def test_other_recordings_beside_it_and_chips_without_frames_are_refused(recordi
 def test_few_events_do_not_make_all_pixels_hot():
     """The number of hot pixels is not extrapolated from one that has as few events as the least that is found."""
     events = pecs.Events(np.zeros(8, pecs.EVENT_DTYPE), 100, 100)
-    events["t"], events["p"] = np.arange(8) * 10_000, 1
+    events["t"], events["p"] = 20_000 + np.arange(8) * 10_000, 1  # between the exposures
     begin_us = np.array([0.0, 100_000.0])
     of = DavisEvents("made", events, np.zeros((2, 100, 100), np.float32), begin_us, begin_us + 10_000)
     base = {"hot_pixel_fraction": 0.0, "hot_pixel_hz": 10.0}
