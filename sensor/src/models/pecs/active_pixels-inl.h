@@ -314,7 +314,7 @@ class ActivePixels {
     const V at1 = hn::Add(v1, noise1.z), rise = hn::Abs(hn::Sub(at1, hn::Add(v.c0, noise0.z)));
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
     const V blind = get(g.blind);
-    const M sleeps = hn::And(seeking, hn::Ge(blind, end)), awake = hn::AndNot(sleeps, seeking);
+    const M sleeps = hn::And(seeking, hn::Ge(blind, latest_wake(begin, end))), awake = hn::AndNot(sleeps, seeking);
     const M is_due = hn::Lt(get(g.background), end);
     const VU later = hn::Load(u32, g.later);
     const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
@@ -350,19 +350,31 @@ class ActivePixels {
     next_part(t, g, done);
   }
 
+  // A refractory period that ends nearer to an end of a part, relative to its length, ends there: noise cannot be drawn
+  // over so short a time in floats.
+  static constexpr float kWakes = 1e-4f;
+  static HWY_INLINE V latest_wake(V begin, V end) {
+    return hn::NegMulAdd(hn::Set(F(), kWakes), hn::Sub(end, begin), end);
+  }
+
   // The part at work begins where the refractory period ends in it.
   HWY_INLINE void wake(const IntervalTimes& t, ActiveLanes& g, M seeking) {
     const F f;
     const V blind = get(g.blind), from = get(g.from), begin = time_of(g, from), end = time_of(g, get(g.to));
-    const M which = hn::And(seeking, hn::And(hn::Gt(blind, begin), hn::Lt(blind, end)));
+    const M wakes = hn::And(seeking, hn::And(hn::Gt(blind, hn::Zero(f)), hn::Lt(blind, latest_wake(begin, end))));
+    if (hn::AllFalse(f, wakes)) return;
+    set(g.blind, hn::IfThenZeroElse(wakes, blind));
+    const M at_begin = hn::And(wakes, hn::Le(blind, hn::MulAdd(hn::Set(f, kWakes), hn::Sub(end, begin), begin)));
+    const V z0 = get(g.z0);
+    begin_at(t, g, at_begin, from, hn::Add(cubic(g.q).at(from), z0), {get(g.n0), z0});
+    const M which = hn::AndNot(at_begin, wakes);
     if (hn::AllFalse(f, which)) return;
     const V before = hn::Sub(blind, begin), after = hn::Sub(end, blind), u = hn::Div(before, hn::Sub(end, begin));
     const V rate = get(g.rate), b = hn::Set(f, t.amplifier.x), z = hn::MulAdd(u, hn::Sub(get(g.to), from), from);
     const VU r0 = g.random.next(which), r1 = g.random.next(which);
     const NoiseState<V> noise = draw_between(
         noise_step(hn::Mul(rate, before), hn::Mul(b, before)), noise_step(hn::Mul(rate, after), hn::Mul(b, after)),
-        {get(g.n0), get(g.z0)}, {get(g.n1), get(g.z1)}, hn::FirstN(f, 0), get(g.std), gaussian(r1), gaussian(r0));
-    set(g.blind, hn::IfThenZeroElse(which, blind));
+        {get(g.n0), z0}, {get(g.n1), get(g.z1)}, hn::FirstN(f, 0), get(g.std), gaussian(r1), gaussian(r0));
     begin_at(t, g, which, z, hn::Add(cubic(g.q).at(z), noise.z), noise);
   }
   // The reference of pixels is their output there, and the part at work begins at z.
