@@ -103,7 +103,7 @@ def free_folder(folder: Path, stack: dict[str, Any]) -> Path:
 def is_stack(folder: Path, stack: dict[str, Any]) -> bool:
     """Whether the folder contains this very stack."""
     try:
-        return bool(json.loads((folder / "stack.json").read_text()) == json.loads(json.dumps(stack)))
+        return bool(json.loads((folder / "stack.json").read_bytes()) == json.loads(json.dumps(stack)))
     except (OSError, ValueError):  # none of ours
         return False
 

@@ -1,9 +1,8 @@
 """What try_windows.sh runs in a Python for Windows that has the wheel: events in memory and in files, the package's
-half of the operating system (pecs/_platform_windows.py), and the extension's modules with a stand-in for Blender's."""
+half of the operating system (pecs/_platform_windows.py), and the extension in Blender.
+    try_python.py EXTENSION.zip ARGUMENTS_OF_RENDER..."""
 
-import importlib
 import os
-import pkgutil
 import subprocess
 import sys
 import time
@@ -36,8 +35,6 @@ def run(args):
     print("\\u5317", flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
 sys.exit(_command.answer(_command.Parser(prog="pecs test"), run, []))"""
-STAND_INS = """bpy bpy.props bl_operators bl_operators.presets bl_ui bl_ui.utils bpy_extras bpy_extras.view3d_utils
-blf gpu gpu_extras gpu_extras.batch gpu_extras.presets mathutils mathutils.bvhtree"""
 PIPE = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
 
 
@@ -118,25 +115,31 @@ def try_system() -> None:
         assert Path("link").resolve() == Path("there").resolve()
 
 
-def try_extension(folder: str) -> None:
-    """Imports every module; `bpy` and its relatives have whatever is asked of them."""
-    sys.path.insert(0, folder)
+def try_extension(archive: str, *render: str) -> None:
+    """Blender's module for Windows installs the extension; the panel renders a cube through a lens and simulates its
+    events; the command `render` writes `stack`, which try_windows.sh compares."""
+    import bpy
 
-    class Any(type):
-        def __getattr__(cls, name):
-            if name.startswith("__"):
-                raise AttributeError(name)
-            return Any(name, (), {"__init__": lambda *_, **__: None})
+    assert bpy.ops.extensions.package_install_files(repo="user_default", filepath=archive) == {"FINISHED"}
+    bpy.ops.wm.save_userpref()  # a Blender without them removes the wheel
+    from bl_ext.user_default import pecs_blender
+    from bl_ext.user_default.pecs_blender.ui import background
 
-    for name in STAND_INS.split():
-        sys.modules[name] = Any(name, (), {"__path__": []})
-    sys.modules["bpy"].app = Any("app", (), {"version": (4, 5, 0)})
-    package = importlib.import_module("pecs_blender")
-    modules = [m.name for m in pkgutil.walk_packages(package.__path__, "pecs_blender.") if "__main__" not in m.name]
-    for name in modules:
-        importlib.import_module(name)
-    assert len(modules) > 60
-    print(f"    {len(modules)} modules of the extension")
+    folder = Path(pecs_blender.__file__).parents[1]
+    wheels = folder.parent.glob(".local/lib/python*/site-packages")
+    os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (folder, *wheels)))  # of Python that is no Blender
+    bpy.ops.wm.save_as_mainfile(filepath=str(Path("Würfel 北.blend").resolve()))
+    scene, settings = bpy.context.scene, bpy.context.scene.pecs
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    settings.lens, settings.samples, settings.frames, settings.whole_range = "pecs_lab_15mm", 1, 3, False
+    assert bpy.ops.pecs.run() == {"FINISHED"}
+    while background.poll() is not None:
+        time.sleep(0.1)
+    assert not background.state.is_error, background.state.message
+    assert Path("Würfel 北_events/Würfel 北.raw").is_file()
+    subprocess.run([sys.executable, "-m", "pecs_blender", "render", *render, "-o", "stack", "--quiet"], check=True)
+    print("    try_extension", flush=True)
+    os._exit(0)  # Blender's own exit may hang
 
 
 if __name__ == "__main__":
@@ -146,4 +149,4 @@ if __name__ == "__main__":
     for check in (try_events, try_files, try_processes, try_system):
         check()
         print(f"    {check.__name__}", flush=True)
-    try_extension(sys.argv[1])
+    try_extension(*sys.argv[1:])

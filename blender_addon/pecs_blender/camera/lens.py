@@ -176,7 +176,7 @@ def osl_camera(name: str, osl: str, folder: Path) -> bpy.types.Object:
             ExitCode.UNSUPPORTED,
         )
     source, compiled = folder / f"{name}.osl", folder / f"{name}.oso"
-    source.write_text(osl)
+    source.write_bytes(osl.encode())
     with cycles.quiet():
         ok = _cycles.osl_compile(str(source), str(compiled))
     if not ok or not compiled.is_file():

@@ -69,7 +69,7 @@ class Sight:
             # The picture twice, the second upside down: OSL's v starts at the top, in Blender 5.2 at the bottom.
             both = np.concatenate([seen, seen[::-1]])
             cycles.save_picture(both.astype(np.float32), path, stage.source.scene)
-            self._camera = osl_camera(name, CHIEF_RAYS.format(path=path), stage.scratch)
+            self._camera = osl_camera(name, CHIEF_RAYS.format(path=path.as_posix()), stage.scratch)
         else:
             self._camera = bpy.data.objects.new(name, stage.source.own_camera.data)
             stage.source.scene.collection.objects.link(self._camera)

@@ -36,8 +36,8 @@ def rehearse(sense: list[str], events: Path, stack: Path, words: list[str], sour
         command = [*sense, str(empty), "-o", str(Path(scratch, events.name)), *elsewhere]
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", stdin=subprocess.DEVNULL)
         message = done.stderr.strip().rpartition("\n")[2].removeprefix("pecs: ")
-        if done.returncode and not message.startswith(f"{empty}/frame_"):
-            message = message.replace(f"{empty}: ", "").replace(f"{scratch}/", "")
+        if done.returncode and not message.startswith(str(empty / "frame_")):
+            message = message.replace(f"{empty}: ", "").replace(f"{scratch}{os.sep}", "")
             raise PecsError(message, done.returncode if done.returncode > 0 else None)
 
 

@@ -28,7 +28,7 @@ def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", c
     begin_s = time.perf_counter()
     for note in source.notes if not plan.verbosity["quiet"] else ():
         print(f"render: {note}", file=sys.stderr)
-    with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
+    with tempfile.TemporaryDirectory(prefix="pecs_", ignore_cleanup_errors=True) as scratch:
         stop.remove_at_exit(Path(scratch))
         stage = Stage(source, plan, Path(scratch))
         job = (None if cost_only else _continued(stage, plan, folder, exists)) or _planned(stage, plan)
@@ -42,7 +42,7 @@ def _continued(stage: Stage, plan: Plan, folder: Path, exists: str) -> Render | 
     """The render that the stack in the folder belongs to, with its keyframes and samples. With "continue", that of any
     stack: Output refuses it if it differs."""
     try:
-        stack = json.loads((folder / "stack.json").read_text())
+        stack = json.loads((folder / "stack.json").read_bytes())
         samples = stack["render"]["samples"] // plan.view.subpixels**2
         keyframes = Keyframes.at(plan.instants.grid, stack["times_ns"])
     except (OSError, ValueError, KeyError, TypeError):  # not a stack of this job

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from .outside_files import missing_files, unreadable_pictures
 from .source import Source
 
 MOST_NAMES = 5  # in a note
-ORIGINAL = "pecs_original"  # link in the folder of a temporary copy, to the original's folder
+ORIGINAL = "pecs_original.txt"  # beside a temporary copy, with the original's folder
 
 
 class BlendScene(Source):
@@ -37,9 +38,8 @@ class BlendScene(Source):
         self.scene = bpy.data.scenes[scene_name] if scene_name else bpy.context.scene
         if bpy.context.window:
             bpy.context.window.scene = self.scene
-        link = path.absolute().with_name(ORIGINAL)
-        target = link.resolve()
-        self.folder = link.parent if target == link.parent.resolve() / ORIGINAL else target
+        original = path.absolute().with_name(ORIGINAL)
+        self.folder = Path(os.fsdecode(original.read_bytes())) if original.is_file() else original.parent
         check(path, self.scene, allow_scripts)
         if camera:
             self.scene.camera = _camera(path, self.scene, camera)
@@ -122,14 +122,14 @@ def _camera(path: Path, scene: bpy.types.Scene, name: str) -> bpy.types.Object:
 
 def save_copy(folder: Path) -> Path:
     """Saves the open file, as it is in memory, into an empty folder. BlendScene takes files with relative paths from
-    the original's folder, to which a link leads: a property of the scene could be set by any .blend."""
+    the original's folder, which a file there names: a property of the scene could be set by any .blend."""
     here = Path(bpy.data.filepath or "untitled.blend")
     copy = folder / here.name
     if bpy.data.filepath:
         caches = f"blendcache_{here.stem}"  # physics baked to the disk
         if here.with_name(caches).is_dir():
             link_folder(copy.with_name(caches), here.with_name(caches))
-        link_folder(copy.with_name(ORIGINAL), here.parent)
+        copy.with_name(ORIGINAL).write_bytes(os.fsencode(here.parent.resolve()))
     bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True)
     return copy
 

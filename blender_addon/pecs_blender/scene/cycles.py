@@ -65,7 +65,7 @@ class Sampling:
 
 
 def empty_scene() -> bpy.types.Scene:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     scene.world = None  # even a black world would get every second light sample
     return scene

@@ -27,6 +27,8 @@ for lens in ("none", "pecs_lab_15mm"):  # what the panel asks for is what the co
     assert _parser().parse_args(["render", "-o", "s", *render_arguments(scene)]).lens == lens
 code = main(["light", "--help"])
 pecs = sys.modules["pecs"]
+from bl_ext.user_default.pecs_blender.scene.cycles import empty_scene
+empty_scene()  # Blender removes the wheels of extensions that its preferences do not list
 print(len(pecs.bands("imx636", 4)), "bands")
 if (Path(pecs.__file__).parent / "_lib/bin/pecs").exists():
     assert subprocess.check_output([pecs.program(), "--version"], text=True).split() == ["pecs", pecs.__version__]
