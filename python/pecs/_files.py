@@ -7,6 +7,7 @@ a folder, `check_outputs` before a command begins. The program writes videos.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -134,6 +135,29 @@ def _file_behind(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
+def _is_open(descriptor: int, file: Path) -> bool:
+    """Whether it is this open file, which another process may have renamed or removed."""
+    with suppress(OSError):
+        return os.path.samestat(os.lstat(file), os.fstat(descriptor))
+    return False
+
+
+def _claim(file: Path, path: Path) -> int:
+    """Opens or creates a file and locks it, for the output `path`; its content stays. Raises OSError, BlockingIOError
+    where another process holds the lock."""
+    while True:
+        descriptor = _platform.open_regular(file, path)
+        try:
+            if not _platform.lock_bytes(descriptor):
+                raise BlockingIOError(errno.EAGAIN, "another process is writing it", str(path))
+            if _is_open(descriptor, file):
+                return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[BinaryIO]:
     """Opens a file for writing. It gets its name when the block ends without an exception and all data are on disk. A
@@ -146,14 +170,15 @@ def whole(path: Path) -> Iterator[BinaryIO]:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = _file_behind(path)
         partial = partial_path(target)
-        fd = _platform.claim(partial, path)
+        fd = _claim(partial, path)
         try:
             os.ftruncate(fd, 0)
             with os.fdopen(os.dup(fd), "wb") as file:
                 yield file
             _platform.rename_complete(fd, partial, target)
         finally:
-            _platform.remove_claimed(fd, partial)
+            if _is_open(fd, partial):
+                partial.unlink()
             os.close(fd)
 
 
@@ -207,7 +232,7 @@ def _own_folder(partial: Path, path: Path) -> int:
             ours = not partial.is_symlink() and ((partial / MARK).is_file() or not any(partial.iterdir()))
             if not ours:
                 raise _refused(path, f"{partial} exists and is not of PECS; remove or rename it")
-            return _platform.claim(partial / MARK, path)
+            return _claim(partial / MARK, path)
 
 
 @contextmanager
@@ -216,7 +241,7 @@ def lock_file(name: Path, path: Path, busy: PecsOutputError | None = None) -> It
     Raises `busy`, and PecsOutputError about `path`."""
     with _writing(path):
         try:
-            fd = _platform.claim(name, path)
+            fd = _claim(name, path)
         except BlockingIOError as e:
             raise busy or e from None
     try:

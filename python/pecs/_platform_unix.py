@@ -36,43 +36,26 @@ def lock_bytes(descriptor: int, first: int = 0, count: int = 0) -> bool:
     return True
 
 
-def claim(file: Path, path: Path) -> int:
-    """Opens or creates a file without following a link, and locks it, for the output `path`; its content stays. Raises
-    OSError, BlockingIOError where another process holds the lock."""
-    while True:
-        try:
-            # O_NONBLOCK: opening a pipe does not block.
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
-            descriptor = os.open(file, flags, 0o666)
-        except OSError as e:
-            is_link = e.errno == errno.ELOOP and file.is_symlink()
-            raise (OSError(e.errno, f"{file} is a symbolic link", str(path)) if is_link else e) from None
-        try:
-            opened = os.fstat(descriptor)
-            if not stat.S_ISREG(opened.st_mode):
-                raise OSError(errno.EINVAL, f"{file} is not a regular file", str(path))
-            if not lock_bytes(descriptor):
-                raise BlockingIOError(errno.EAGAIN, "another process is writing it", str(path))
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.lstat(file), opened):
-                    return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)  # another process renamed or removed it between open and lock
+def open_regular(file: Path, path: Path) -> int:
+    """Opens or creates a regular file without following a link, for the output `path`; its content stays. Raises
+    OSError."""
+    try:
+        # O_NONBLOCK: opening a pipe does not block.
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(file, flags, 0o666)
+    except OSError as e:
+        is_link = e.errno == errno.ELOOP and file.is_symlink()
+        raise (OSError(e.errno, f"{file} is a symbolic link", str(path)) if is_link else e) from None
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return descriptor
+    os.close(descriptor)
+    raise OSError(errno.EINVAL, f"{file} is not a regular file", str(path))
 
 
 def rename_complete(descriptor: int, file: Path, target: Path) -> None:
     """Flushes an open file to the disk, then renames it, or the folder that contains it; it replaces the target."""
     os.fsync(descriptor)
     os.replace(file, target)
-
-
-def remove_claimed(descriptor: int, file: Path) -> None:
-    """Removes the file if it still is the one that was claimed."""
-    with suppress(OSError):
-        if os.path.samestat(os.lstat(file), os.fstat(descriptor)):
-            os.unlink(file)
 
 
 def open_stream(path: Path) -> BinaryIO:

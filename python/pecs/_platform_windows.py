@@ -52,28 +52,17 @@ def lock_bytes(descriptor: int, first: int = 0, count: int = 0) -> bool:
     return bool(done) or ctypes.get_last_error() != _LOCK_VIOLATION
 
 
-def claim(file: Path, path: Path) -> int:
-    while True:
-        with suppress(FileNotFoundError):
-            found = file.lstat()
-            if found.st_file_attributes & stat.FILE_ATTRIBUTE_REPARSE_POINT:
-                raise OSError(errno.ELOOP, f"{file} is a symbolic link", str(path))
-            if not stat.S_ISREG(found.st_mode):
-                raise OSError(errno.EINVAL, f"{file} is not a regular file", str(path))
-        handle = _kernel.CreateFileW(str(file), _READ_WRITE, _SHARE_ALL, None, _OPEN_ALWAYS, _OPEN_LINK, None)
-        if handle in (None, wintypes.HANDLE(-1).value):
-            raise ctypes.WinError(ctypes.get_last_error())
-        descriptor = msvcrt.open_osfhandle(handle, os.O_RDWR | os.O_BINARY)
-        try:
-            if not lock_bytes(descriptor):
-                raise BlockingIOError(errno.EAGAIN, "another process is writing it", str(path))
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.lstat(file), os.fstat(descriptor)):
-                    return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)  # another process renamed or removed it between open and lock
+def open_regular(file: Path, path: Path) -> int:
+    with suppress(FileNotFoundError):
+        found = file.lstat()
+        if found.st_file_attributes & stat.FILE_ATTRIBUTE_REPARSE_POINT:
+            raise OSError(errno.ELOOP, f"{file} is a symbolic link", str(path))
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, f"{file} is not a regular file", str(path))
+    handle = _kernel.CreateFileW(str(file), _READ_WRITE, _SHARE_ALL, None, _OPEN_ALWAYS, _OPEN_LINK, None)
+    if handle in (None, wintypes.HANDLE(-1).value):
+        raise ctypes.WinError(ctypes.get_last_error())
+    return msvcrt.open_osfhandle(handle, os.O_RDWR | os.O_BINARY)
 
 
 def rename_complete(descriptor: int, file: Path, target: Path) -> None:
@@ -90,12 +79,6 @@ def rename_complete(descriptor: int, file: Path, target: Path) -> None:
                 raise
         time.sleep(0.05)
     return os.replace(file, target)
-
-
-def remove_claimed(descriptor: int, file: Path) -> None:
-    with suppress(OSError):
-        if os.path.samestat(os.lstat(file), os.fstat(descriptor)):
-            os.unlink(file)
 
 
 def open_stream(path: Path) -> BinaryIO:

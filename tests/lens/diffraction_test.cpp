@@ -35,8 +35,9 @@ TEST(Diffraction, APointBecomesTheAiryPattern) {
   const double lambda_n = kLambda * 1e-6 * kN, peak = std::numbers::pi / (4 * lambda_n * lambda_n) * kPitch * kPitch;
   for (int i = 0; i < 8; ++i) {
     const double v = std::numbers::pi * i * kPitch / lambda_n;
-    const double airy = i == 0 ? 1.0 : std::pow(2 * std::cyl_bessel_j(1, v) / v, 2);
-    EXPECT_NEAR(picture[kMiddle * kSize + kMiddle + i], peak * airy, 2e-3 * peak) << i;
+    double airy = 0, term = 1;  // 2 J1(v) / v by its series: libc++ has no cyl_bessel_j
+    for (int k = 1; k < 60; term *= -v * v / (4.0 * k * (k + 1)), ++k) airy += term;
+    EXPECT_NEAR(picture[kMiddle * kSize + kMiddle + i], peak * airy * airy, 2e-3 * peak) << i;
   }
   EXPECT_NEAR(std::accumulate(picture.begin(), picture.end(), 0.0), 1.0, 0.01);  // the rest is outside the kernel
   EXPECT_NEAR(airy_radius_mm(kLambda, kN) / kPitch, 2.6, 0.01);
