@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -45,10 +46,9 @@ def started(*arguments, **options):
 
 
 def try_events() -> None:
-    t_us = 1000.0 * np.arange(20)
     phase = 0.1 * np.arange(64) - 0.08 * np.arange(20)[:, None]
     frames = np.repeat((0.5 + 0.4 * np.sin(phase))[:, None, :], 48, axis=1)
-    events = pecs.simulate(frames, t_us, chip="imx636", photocurrent_a=1e-12, seed=1)
+    events = pecs.simulate(frames, 1000.0 * np.arange(20), chip="imx636", photocurrent_a=1e-12, seed=1)
     assert len(events) > 1000
     for format in (f for f in pecs.event_formats() if f["writes"]):
         extension = format["extensions"][0]
@@ -107,11 +107,8 @@ def try_system() -> None:
     pecs.version()
     assert _platform.loaded_library(_platform.library_file("pecs")).pecs_version
     Path("there").mkdir()
-    try:
+    with suppress(OSError):  # Wine before 9 has no junctions
         _platform.link_folder(Path("link"), Path("there").resolve())
-    except OSError as e:  # Wine before 9
-        print(f"    no junction here: {e}")
-    else:
         assert Path("link").resolve() == Path("there").resolve()
 
 
