@@ -25,7 +25,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "filter_width": 1.0,
     "sample_clamp_direct": 0.0,
     "sample_clamp_indirect": 0.0,
-    "min_light_bounces": 2,  # no Russian roulette within them: less noise for the time
+    "min_light_bounces": 0,  # Russian roulette from the first bounce: less noise for the time
     "caustics_reflective": True,
     "caustics_refractive": True,
     "blur_glossy": 0.0,

@@ -233,10 +233,10 @@ def _measure(plan: Plan, wanted: list[int], threads: int, line: Line) -> dict[st
     """By scene: 1, and duration, time [s], GB and GB of memory of its first sequence."""
     measured: dict[str, NDArray[np.float64]] = {}
     for index in wanted[:MOST_DRAWN]:
-        sequence = plan.sequence(index)
-        if sequence.scene.name not in measured:
-            line(f"dataset: a few frames of {sequence.scene.name}", len(measured), 0)
-            measured[sequence.scene.name] = np.array([1, sequence.duration_s, *run.cost(sequence, threads)])
+        if (name := plan.scene(index).name) not in measured:
+            line(f"dataset: a few frames of {name}", len(measured), 0)
+            sequence = plan.sequence(index)
+            measured[name] = np.array([1, sequence.duration_s, *run.cost(sequence, threads)])
     line.end()
     return measured
 
