@@ -136,13 +136,14 @@ def _merge_options(command) -> None:
 
 def _render(args: dict, check: Callable[[Source, Plan], None] | None = None) -> Path:
     """The stack's folder. check: of what follows the render, before it begins."""
+    begin_s = time.perf_counter()
     source, plan = _opened(args)
     from .job.render import render
 
     exists = "overwrite" if args["overwrite"] else "new" if args["new_version"] else "continue"
     if check:
         check(source, plan)
-    folder = render(source, args["output"], plan, exists, args["plan"])
+    folder = render(source, args["output"], plan, exists, begin_s if args["plan"] else None)
     if folder != args["output"]:
         report(f"render: into {folder}", folder=str(folder))
     return folder

@@ -22,18 +22,20 @@ from . import cost, noise
 from .stack import Render
 
 
-def render(source: Source, folder: Path, plan: Plan, exists: str = "continue", cost_only: bool = False) -> Path:
+def render(
+    source: Source, folder: Path, plan: Plan, exists: str = "continue", cost_since_s: float | None = None
+) -> Path:
     """The stack's folder. exists: what to do if the folder contains another job's stack: "continue" (an error),
-    "overwrite", or "new" (use the next free name). cost_only: prints the cost, and writes nothing."""
-    begin_s = time.perf_counter()
+    "overwrite", or "new" (use the next free name). cost_since_s: prints the cost, and writes nothing; the start is
+    counted from this value of time.perf_counter."""
     for note in source.notes if not plan.verbosity["quiet"] else ():
         print(f"render: {note}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="pecs_") as scratch:
         stop.remove_at_exit(Path(scratch))
         stage = Stage(source, plan, Path(scratch))
-        job = (None if cost_only else _continued(stage, plan, folder, exists)) or _planned(stage, plan)
-        if cost_only:
-            cost.print_cost(job, time.perf_counter() - begin_s)
+        job = (_continued(stage, plan, folder, exists) if cost_since_s is None else None) or _planned(stage, plan)
+        if cost_since_s is not None:
+            cost.print_cost(job, time.perf_counter() - cost_since_s)
             return folder
         return job.write(folder, exists)
 

@@ -188,21 +188,16 @@ def _renders(plan: SequencePlan, camera: CameraPlan) -> Iterator[tuple[str, Path
 
 
 def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float]:
-    """Time [s], disk [GB] and memory [GB] of the renders of a sequence, measured on a few frames of each; cameras of
-    one size, lens and time cost the same."""
-    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    """Time [s], disk [GB] and memory [GB] of the renders of a sequence, measured on a few frames of each."""
     every = []
     with tempfile.TemporaryDirectory(prefix="pecs_estimate_") as folder:
         work = Work(plan, Path(folder), lambda *_: None)
         _inputs(work)
         _move(work)
         for camera in plan.with_light:
-            for what, to, options in _renders(plan, camera):
-                key = (what, *map(options.get, ("width", "height", "lens", "frames")))
-                if key not in found:
-                    job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
-                    found[key] = blender(*job, folder=work.folder, log="estimate.log")
-                every.append(found[key])
+            for _, to, options in _renders(plan, camera):
+                job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
+                every.append(blender(*job, folder=work.folder, log="estimate.log"))
     seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every)
     return seconds, sum(one["disk_bytes"] for one in every) * 1e-9, max(one["memory_bytes"] for one in every) * 1e-9
 
