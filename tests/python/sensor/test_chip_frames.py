@@ -114,11 +114,12 @@ def test_a_refractory_period_may_end_with_a_part_of_an_interval():
     """ON events at the begin of exposures, which lie on planes: eight such periods are a plane's distance."""
     count = {}
     for period_s in (4.9e-4, 5e-4):
-        values = {"frame_exposure_s": 0.03, "frame_period_s": 0.06, "frame_dead_s": 0.01, "frame_step": 0.2}
+        values = {"frame_exposure_s": 0.03, "frame_period_s": 0.06, "frame_dead_s": 0.01, "frame_step": 0.1}
         values |= {"refractory_period_s": period_s}
         options = {"chip_frames": True, "time_unit": "us", "photocurrent_a": 1e-12, "seed": 1, "overrides": values}
-        with pecs.Sensor(60, 60, "davis240c", **options) as sensor:
-            events = sensor.push(np.full((61, 60, 60), 0.1, np.float32), 4000.0 * np.arange(61))
+        with pecs.Sensor(90, 90, "davis240c", **options) as sensor:
+            light = np.broadcast_to(np.geomspace(0.02, 1, 90, dtype=np.float32), (61, 90, 90))
+            events = sensor.push(light, 4000.0 * np.arange(61))
             events = np.concatenate([events, sensor.finish()])
         count[period_s] = np.count_nonzero((events["t"] % 60_000 < 600) & (events["p"] == 1))
     assert count[4.9e-4] > 1000 and count[5e-4] == pytest.approx(count[4.9e-4], rel=0.05), count
