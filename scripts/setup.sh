@@ -14,7 +14,7 @@ case "${1:-}" in
 esac
 
 PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
-  libopenexr-dev libhdf5-dev libopencv-dev nlohmann-json3-dev libfmt-dev libcli11-dev libtbb-dev
+  libopenexr-dev libhdf5-dev libopencv-dev libavformat-dev nlohmann-json3-dev libfmt-dev libcli11-dev libtbb-dev
   libopencolorio-dev libeigen3-dev libceres-dev libhwy-dev libdeflate-dev libzstd-dev liblz4-dev libzip-dev libblosc-dev libpugixml-dev
   libflatbuffers-dev flatbuffers-compiler librsvg2-dev fonts-dejavu-core
   # bpy's own needs

@@ -92,7 +92,10 @@ void print_stack(const std::string& path, const Json& info) {
   if (!info["period_us"].is_null()) fmt::print("period       {} us\n", info["period_us"].get<double>());
   for (const char* key : {"lens", "scene"})
     if (info.contains(key) && info[key].is_object() && info[key].contains("name") && info[key]["name"].is_string())
-      fmt::print("{:<12} {}\n", key, info[key]["name"].get<std::string>());
+      fmt::print("{:<12} {}{}\n", key, info[key]["name"].get<std::string>(),
+                 info[key].value("fnumber", Json()).is_number()
+                     ? fmt::format(", at f/{:.3g}", info[key]["fnumber"].get<double>())
+                     : "");
   if (const auto lux = lux_of(info)) fmt::print("light        {:g} lux\n", *lux);
   for (const Json& layer : info["layers"])
     if (layer["name"] != sensor::kLight)

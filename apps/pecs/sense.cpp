@@ -105,7 +105,7 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
                   "NAME=OFFSET[,...]: biases as offsets to the factory setting, such as diff_on=35")
       ->allow_extra_args(false);
   sub->add_option("--bias-file", o->bias_file, "biases of a Metavision .bias file or camera settings (.json)");
-  sub->add_flag("--no-noise", o->no_noise, "disable photon noise, leak, background events and mismatch");
+  sub->add_flag("--no-noise", o->no_noise, "disable photon noise, leak, background events, hot pixels and mismatch");
   sub->add_option("--seed", o->seed, "seed of all random numbers")
       ->check(CLI::Range(std::uint64_t{0}, sensor::kLargestSeed))
       ->capture_default_str();
@@ -241,15 +241,14 @@ void add_sense(CLI::App& app, Console& console) {
   add_window(sub, o.get());
   add_view(sub, o.get());
   sub->add_flag("--json", o->json, "machine-readable output");
-  add_examples(
-      *sub,
-      {"pecs sense out/stack -o events.raw",
-       "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
-       "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
-       "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
-       "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
-       "pecs sense video.mp4 -o events.aedat4 --chip davis346 --frames events.aedat4 --set frame_exposure_s=0.005",
-       "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
+  add_examples(*sub,
+               {"pecs sense out/stack -o events.raw",
+                "pecs sense out/stack -o events.raw --duration 20ms --set contrast_threshold_on=0.3",
+                "pecs sense out/stack -o events.raw --afk 50:520 --stc 10ms --erc 20MHz",
+                "pecs sense video.mp4 -o events.h5 --photocurrent 1pA",
+                "pecs sense video.mp4 -o events.h5 --chip davis346 --crop 80,0,479,360 --size 346x260",
+                "pecs sense video.mp4 -o events.aedat4 --chip davis346 --size 346x260 --frames events.aedat4",
+                "pecs sense video.mp4 -o events.h5 --preset v2e_noisy", "pecs sense video.mp4 --view -o events.raw"});
   sub->callback([o, &console] {
     resolve(*o, console);
     const sensor::SenseReport report = run(*o, console);

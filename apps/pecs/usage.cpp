@@ -37,8 +37,8 @@ std::vector<std::string> names_of_commands(const CLI::App& app) {
   return names;
 }
 
-// The error of the first unknown option of `app`, or nothing.
-std::string unknown_option(const CLI::App& app) {
+// The error of the first unknown option of `app`, or of its first argument too many, or nothing.
+std::string unknown_word(const CLI::App& app) {
   for (const std::string& word : app.remaining()) {
     if (!word.starts_with("--") || word == "--") continue;
     const std::string name = word.substr(0, word.find('='));
@@ -47,7 +47,10 @@ std::string unknown_option(const CLI::App& app) {
       for (const std::string& known : option->get_lnames()) names.push_back("--" + known);
     return fmt::format("{}: no such option; nearest: {}", name, nearest(name, names));
   }
-  return "";
+  if (app.remaining().empty()) return "";
+  const std::string word = app.remaining().front();
+  const bool is_value = app.get_option_no_throw("--set") && word.find('=') != word.npos;
+  return fmt::format("{}: {}", word, is_value ? "each KEY=VALUE needs a --set" : "an argument too many");
 }
 
 // "lens info: "; nothing for the program.
@@ -90,7 +93,7 @@ void check_commands(const CLI::App& app, const std::vector<std::string>& words) 
 
 std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
   const CLI::App& command = chosen_command(app);
-  std::string text = unknown_option(command);
+  std::string text = unknown_word(command);
   if (text.empty() && dynamic_cast<const CLI::RequiredError*>(&error) && command.get_require_subcommand_min() > 0)
     text = fmt::format("the command is missing; use one of {}", fmt::join(names_of_commands(command), ", "));
   if (text.empty()) text = error.what();

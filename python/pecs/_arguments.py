@@ -156,11 +156,16 @@ class Parser(argparse.ArgumentParser):
         self._talks = False
         self._given: set[argparse.Action] = set()
         self.hint = ""  # at an unknown option
+        self._rest = ""  # the option that took all words behind it
 
     def error(self, message: str) -> NoReturn:
         if found := re.match(r"argument ([-\w/]+): ", message):  # argparse's; the long name of an option suffices
             names = found[1].split("/")
             message = f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
+        if found := re.match(r"unrecognized arguments: (\S+)", message):
+            message = f"{found[1]}: {'each KEY=VALUE needs a --set' if '=' in found[1] else 'an argument too many'}"
+        if message.startswith("the following arguments are required") and self._rest:
+            message += f" before {self._rest}"
         command = self.prog.partition(" ")[2]
         raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
 
@@ -197,6 +202,7 @@ class Parser(argparse.ArgumentParser):
             if word == "--" or (commands and not word.startswith("-")):
                 break
             if name in known and known[name].nargs == argparse.REMAINDER:
+                self._rest = name
                 break
             if name.startswith("--") and name not in known:
                 near = nearest(name, [n for n in known if n[:2] == "--"])

@@ -26,18 +26,22 @@ proportional to E / N²: at f/4, it is a quarter.
 """
 VALUES = """
 ## Values
-After each value: **m** measured in a recording, **f** fitted to recordings or measurements, **p** published, a assumed
-without a published figure. `ideal` has thresholds of 0.2, no noise, no limits and any size.
+After each value: **m** measured in a recording, **f** fitted to recordings or measurements, **p** published, o of
+another chip or simulator, a assumed without a published figure. `ideal` has thresholds of 0.2, no noise, no limits and
+any size.
 
 """
 
 
-def confidence(source: str) -> str:
-    if source.startswith(("assumed", "no published", "fitted: to another chip")):
+def confidence(chip: str, source: str) -> str:
+    of_davis240c = "of a DAVIS240C (" in source or source.startswith("DAVIS240C (")
+    if source.startswith(("assumed", "no published")):
         return "a"
-    if source.startswith(("R_360_L", "the recording")):
-        return "**m**"
-    return "**f**" if source.startswith("fitted") else "**p**"
+    if source.startswith(("computed", "v2e", "fitted: to another")) or (of_davis240c and chip != "davis240c"):
+        return "o"
+    if source.startswith("fitted"):
+        return "**f**"
+    return "**m**" if of_davis240c or source.startswith(("R_360_L", "the recording")) else "**p**"
 
 
 def light_table(names: list[str]) -> str:
@@ -54,7 +58,7 @@ def value_table(infos: dict[str, dict]) -> str:
 
     def of_chip(name: str, key: str) -> str:
         entry = values[name].get(key)
-        return f"{entry['value']:.4g} {confidence(entry['source'])}" if entry else ""
+        return f"{entry['value']:.4g} {confidence(name, entry['source'])}" if entry else ""
 
     named = [(key, "" if unit == "1" else f", {unit}") for key, unit in sorted(units.items())]
     rows = [[f"`{key}`{unit}", *(of_chip(name, key) for name in infos)] for key, unit in named]

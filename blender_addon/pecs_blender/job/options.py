@@ -117,7 +117,7 @@ class Options:
     bands_per_pass: int = option(
         3, "wavelengths per RGB pass; 1 makes dispersion in glass objects exact", choices=(1, 2, 3)
     )
-    chip: str = option("imx636", "chip whose response places the bands")
+    chip: str = option("imx636", "chip of the events; its response also places the bands")
     min_nm: float | None = option(
         None,
         "shortest wavelength; by default, where the response of chip and lamps begins",
@@ -204,7 +204,8 @@ class Options:
     )
     samples: int | None = option(
         None,
-        f"paths per sensor pixel and band; by default {SAMPLES['uniform']}, with adaptive steps {SAMPLES['adaptive']}",
+        "paths per sensor pixel and band, rounded up to as many in each subpixel (adaptive: and in two halves); by "
+        f"default {SAMPLES['uniform']}, with adaptive steps {SAMPLES['adaptive']}",
         low=1,
         high=65536,
     )

@@ -1,4 +1,10 @@
+extern "C" {
+#include <libavcodec/avcodec.h>
+#include <libavformat/avformat.h>
+}
+
 #include <cstdlib>
+#include <limits>
 #include <memory>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/highgui.hpp>
@@ -28,9 +34,52 @@ std::vector<std::uint8_t> png_of(const cv::Mat& picture) {
 VideoFrames frames_of(const std::shared_ptr<cv::VideoCapture>& capture) {
   if (!capture->isOpened()) return {};
   const double wide = capture->get(cv::CAP_PROP_SAR_NUM), high = capture->get(cv::CAP_PROP_SAR_DEN);
-  return {[capture](cv::Mat& frame) { return capture->read(frame); }, [capture] { return capture->grab(); },
-          [capture] { return capture->get(cv::CAP_PROP_POS_MSEC); }, capture->get(cv::CAP_PROP_FPS),
+  return {[capture](cv::Mat& frame) { return capture->read(frame); }, capture->get(cv::CAP_PROP_FPS),
           wide > 0 && high > 0 ? wide / high : 1};
+}
+
+template <auto Free>
+struct Freed {
+  template <class T>
+  void operator()(T* pointer) const {
+    Free(&pointer);
+  }
+};
+
+// OpenCV 4.6 knows no time of the last frames of a video with B frames.
+std::vector<double> frame_times_ms(const std::string& path) {
+  av_log_set_level(AV_LOG_QUIET);
+  std::vector<double> out;
+  AVFormatContext* opened = nullptr;
+  if (avformat_open_input(&opened, path.c_str(), nullptr, nullptr) < 0) return out;
+  const std::unique_ptr<AVFormatContext, Freed<avformat_close_input>> file(opened);
+  if (avformat_find_stream_info(file.get(), nullptr) < 0) return out;
+  unsigned index = 0;  // OpenCV takes the first one
+  while (index < file->nb_streams && file->streams[index]->codecpar->codec_type != AVMEDIA_TYPE_VIDEO) ++index;
+  if (index == file->nb_streams) return out;
+  const AVStream& stream = *file->streams[index];
+  const AVCodec* codec = avcodec_find_decoder(stream.codecpar->codec_id);
+  const std::unique_ptr<AVCodecContext, Freed<avcodec_free_context>> decoder(avcodec_alloc_context3(codec));
+  avcodec_parameters_to_context(decoder.get(), stream.codecpar);
+  decoder->thread_count = 0;  // all cores
+  if (avcodec_open2(decoder.get(), codec, nullptr) < 0) return out;
+  const std::unique_ptr<AVPacket, Freed<av_packet_free>> packet(av_packet_alloc());
+  const std::unique_ptr<AVFrame, Freed<av_frame_free>> frame(av_frame_alloc());
+  for (bool ended = false; !ended;) {
+    ended = av_read_frame(file.get(), packet.get()) < 0;
+    if (!ended && packet->stream_index != static_cast<int>(index)) {
+      av_packet_unref(packet.get());
+      continue;
+    }
+    avcodec_send_packet(decoder.get(), ended ? nullptr : packet.get());
+    av_packet_unref(packet.get());
+    while (avcodec_receive_frame(decoder.get(), frame.get()) >= 0) {
+      const std::int64_t time = frame->best_effort_timestamp;
+      out.push_back(time == AV_NOPTS_VALUE ? std::numeric_limits<double>::quiet_NaN()
+                                           : 1e3 * static_cast<double>(time) * av_q2d(stream.time_base));
+    }
+  }
+  return out;
 }
 
 // PECS reports errors itself.
@@ -80,5 +129,5 @@ int show(const char* window, const cv::Mat& picture, int wait_ms) {
 }  // namespace pecs::input
 
 extern "C" __attribute__((visibility("default"))) const pecs::input::Media pecs_media{
-    pecs::input::read_picture, pecs::input::png_of,      pecs::input::open_video, pecs::input::video_writer,
-    pecs::input::optical_flow, pecs::input::open_window, pecs::input::show};
+    pecs::input::read_picture, pecs::input::png_of,       pecs::input::open_video,  pecs::input::frame_times_ms,
+    pecs::input::video_writer, pecs::input::optical_flow, pecs::input::open_window, pecs::input::show};

@@ -155,6 +155,7 @@ class EstimatedMotion final : public sensor::FrameSource {
   std::string name() const override { return source_->name(); }
   std::string layout() const override { return source_->layout(); }
   void will_read(std::int64_t index) const override { source_->will_read(index); }
+  std::string options_for(int width, int height) const override { return source_->options_for(width, height); }
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
     if (begin != 0 || (end != 0 && end != info().height)) return source_->read_rows(index, sink, begin, end);

@@ -21,15 +21,6 @@
 namespace pecs::input {
 namespace {
 
-// Whether a frame's own time, since the first frame, is that of the nominal rate.
-bool is_nominal(double own_ms, std::int64_t frame, double fps) {
-  constexpr double kRounding_ms = 1;  // time bases are as coarse as this
-  return fps > 0 && std::abs(own_ms - static_cast<double>(frame) * 1e3 / fps) <= kRounding_ms;
-}
-
-// OpenCV has no time, 0, for the last frames of a video with B frames.
-bool has_time(std::span<const double> own_ms, std::size_t frame) { return frame == 0 || own_ms[frame] != 0; }
-
 void check_pixel_aspect(double aspect, const std::string& name) {
   if (std::abs(aspect - 1) > 1e-3)
     throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", aspect), "1 (square pixels: resample it)");
@@ -37,6 +28,7 @@ void check_pixel_aspect(double aspect, const std::string& name) {
 
 namespace fs = std::filesystem;
 
+constexpr double kRounding_ms = 1;    // containers' time bases are as coarse as this
 constexpr int kBlock = 8, kDark = 5;  // sRGB: up to this value, the next one is 20 % brighter
 constexpr double kMuchDark = 0.05, kBlocky = 1.2;
 
@@ -67,6 +59,12 @@ class Pictures : public sensor::FrameSource {
           "events where blocks change; use a higher quality, or a smaller --size",
           name(), block_edges_));
     return out;
+  }
+
+  std::string options_for(int width, int height) const override {
+    if (width <= 0 || height <= 0) return "--size or --crop";
+    const std::string crop = crop_for({width, height});
+    return fmt::format("{}{}--size {}x{}, or a smaller --size", crop, crop.empty() ? "" : " ", width, height);
   }
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
@@ -123,16 +121,21 @@ class Pictures : public sensor::FrameSource {
         (x % kBlock ? within : at_edges) += cv::norm(turned.col(x), turned.col(x - 1), cv::NORM_L1);
     block_edges_ = within > 0 ? at_edges * (kBlock - 1) / within : 1;
   }
-  // Pixels stay square, to 1 %.
-  void check_aspect() const {
-    const double wide = info_.width / static_cast<double>(info_.height);
-    if (std::abs(wide * used_.height / used_.width - 1) <= 0.01) return;
+  // "--crop X,Y,W,H" of the middle with the aspect ratio of `wanted`, to 1 %; empty where all that is used has it.
+  std::string crop_for(cv::Size wanted) const {
+    const double wide = wanted.width / static_cast<double>(wanted.height);
+    if (std::abs(wide * used_.height / used_.width - 1) <= 0.01) return "";
     const int width = std::min(used_.width, static_cast<int>(std::lround(used_.height * wide)));
     const int height = std::min(used_.height, static_cast<int>(std::lround(used_.width / wide)));
-    throw bad_input(
-        path_.string(), "--size", fmt::format("{}x{}", info_.width, info_.height),
-        fmt::format("the aspect ratio of {}x{}; the middle has it with --crop {},{},{},{}", used_.width, used_.height,
-                    used_.x + (used_.width - width) / 2, used_.y + (used_.height - height) / 2, width, height));
+    return fmt::format("--crop {},{},{},{}", used_.x + (used_.width - width) / 2, used_.y + (used_.height - height) / 2,
+                       width, height);
+  }
+  // Pixels stay square.
+  void check_aspect() const {
+    if (const std::string crop = crop_for({info_.width, info_.height}); !crop.empty())
+      throw bad_input(
+          path_.string(), "--size", fmt::format("{}x{}", info_.width, info_.height),
+          fmt::format("the aspect ratio of {}x{}; the middle has it with {}", used_.width, used_.height, crop));
   }
 
   fs::path path_;
@@ -193,41 +196,25 @@ class Video final : public Pictures {
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
-    std::vector<double> own_ms = {video_.time_ms()};  // and their number: containers' own counts are often wrong
-    while (video_.skip()) own_ms.push_back(video_.time_ms());
-    set_times(options.times, own_ms);
+    set_times(options.times, media().frame_times_ms(path.string()));
     open();
   }
   std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }
-  sensor::SourceReport report() const override {
-    sensor::SourceReport out = Pictures::report();
-    if (left_out_)
-      out.warnings.push_back(
-          fmt::format("{}: variable frame rate and B frames: the last {} frames are left out, whose times OpenCV does "
-                      "not know; all "
-                      "times by ffprobe (docs/reference/sensor.md#input), with --times FILE --time-unit s",
-                      name(), left_out_));
-    return out;
-  }
 
  private:
-  // The frames' own times if they differ from the nominal rate by more than containers round.
+  // The frames' own times if they differ from the nominal rate by more than containers round. Their number in any case:
+  // containers' own counts are often wrong.
   void set_times(sensor::FrameTimes times, const std::vector<double>& own_ms) {
     if (!times.fps && !times.file_us) {
       for (std::size_t i = 0; i < own_ms.size(); ++i)
-        variable_ |=
-            has_time(own_ms, i) && !is_nominal(own_ms[i] - own_ms[0], static_cast<std::int64_t>(i), video_.fps);
-      if (!variable_) times.fps = video_.fps;
+        variable_ |= std::abs(own_ms[i] - own_ms[0] - static_cast<double>(i) * 1e3 / video_.fps) > kRounding_ms;
+      times.fps = video_.fps;
     }
     if (!variable_) {
       info_.times_ns = times.of(std::ssize(own_ms), path_.string());
       return;
     }
-    std::size_t timed = own_ms.size();
-    while (!has_time(own_ms, timed - 1)) --timed;
-    left_out_ = own_ms.size() - timed;
-    for (std::size_t i = 0; i < timed; ++i) {
-      const double ms = own_ms[i];
+    for (const double ms : own_ms) {
       info_.times_ns.push_back(std::llround((ms - own_ms[0]) * 1e6));
       if (const auto& t = info_.times_ns; t.size() > 1 && t.back() <= t[t.size() - 2])
         throw bad_input(path_.string(), fmt::format("time of frame {}", t.size() - 1), fmt::format("{} ms", ms),
@@ -261,7 +248,6 @@ class Video final : public Pictures {
   mutable std::mutex mutex_;
   mutable VideoFrames video_;
   bool variable_ = false;
-  std::size_t left_out_ = 0;  // frames at the end
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;
 };

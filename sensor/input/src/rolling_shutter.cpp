@@ -23,6 +23,7 @@ class GlobalShutter final : public sensor::FrameSource {
   std::string name() const override { return source_->name(); }
   std::string layout() const override { return source_->layout(); }
   void will_read(std::int64_t index) const override { source_->will_read(index); }
+  std::string options_for(int width, int height) const override { return source_->options_for(width, height); }
   sensor::SourceReport report() const override { return source_->report(); }
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {

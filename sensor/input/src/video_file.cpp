@@ -17,7 +17,7 @@ struct VideoFile::State {
   std::function<void(const cv::Mat&)> append{};
   std::string codec{};
   cv::Size size{};
-  int frames = 0;
+  std::size_t frames = 0;
 };
 
 VideoFile::VideoFile(const std::filesystem::path& path, double fps) : state_(new State{path, fps}) {}
@@ -42,10 +42,11 @@ void VideoFile::close() {
   State& s = *state_;
   s.append = {};
   // OpenCV reports neither a full disk nor a frame that the encoder rejects.
-  const VideoFrames video = media().open_video(s.partial.partial_path().string());
+  const std::string written = s.partial.partial_path().string();
+  const VideoFrames video = media().open_video(written);
   cv::Mat first;
-  int frames = video.read && video.read(first) ? 1 : 0;
-  while (frames > 0 && video.skip()) ++frames;
+  if (video.read) video.read(first);
+  const std::size_t frames = media().frame_times_ms(written).size();
   if (first.size() != s.size || frames != s.frames)
     throw bad_output(s.path.string(),
                      fmt::format("got {} readable frames of {}x{}, wanted {} of {}x{} (disk full?)", frames, first.cols,

@@ -69,7 +69,8 @@ std::shared_ptr<FrameSource> checked_source(const SenseOptions& options, const C
     throw bad_input(name, "frames", fmt::format("{} so far", source->frames()),
                     fmt::format("the {} of times_ns", info.times_ns.size()));
   if (source->frames() < 2) throw bad_input(name, "frames", "1", "at least 2");
-  check_fits(chip, info.width, info.height, name, source->estimates_motion() ? " (--size or --crop)" : "");
+  const std::string remedy = source->options_for(static_cast<int>(chip.width), static_cast<int>(chip.height));
+  check_fits(chip, info.width, info.height, name, remedy.empty() ? "" : fmt::format(" ({})", remedy));
   reject_unused(options, *source);
   model_to_json(options.model);  // throws for an unknown model or parameter
   return source;
@@ -326,11 +327,12 @@ void SenseRun::note_light(const LightBatch& light, PixelRange range) {
 void SenseRun::warn_of_light(std::vector<std::string>& warnings) const {
   constexpr double kDim_hz = 1;
   const double corner_hz = results_["corner_hz"]["median"].get<double>();
+  const bool is_relative = source_->info().quantity == Quantity::relative;
   if (corner_hz > 0 && corner_hz < kDim_hz)
     warnings.push_back(
         fmt::format("the photoreceptor's corner is {:.2g} Hz in the median pixel, which hardly follows: "
-                    "more light gives more events",
-                    corner_hz));
+                    "more light gives more events ({})",
+                    corner_hz, is_relative ? "--photocurrent" : "of the scene, or --light-scale 100"));
   if (!changes_) warnings.push_back("no pixel's light changes by a threshold: events, if any, are the chip's noise");
 }
 

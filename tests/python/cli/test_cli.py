@@ -58,6 +58,12 @@ def test_an_unknown_command_is_named(pecs_program, command, line, more):
         (["lens", "info", "--fucos=2m"], "pecs: lens info: --fucos: no such option; nearest: --focus\n"),
         (["reconstruct", "--cuttof", 5], "pecs: reconstruct: --cuttof: no such option; nearest: --cutoff\n"),
         (["dataset", "x", "--plna"], "pecs: dataset: --plna: no such option; nearest: --plan\n"),
+        (["sense", "x", "-o", "y", "--set", "a=1", "b=2"], "pecs: sense: b=2: each KEY=VALUE needs a --set\n"),
+        (["run", "x", "-o", "y", "--set", "a=1", "b=2"], "pecs: run: b=2: each KEY=VALUE needs a --set\n"),
+        (
+            ["run", "x", "--sense", "-o", "y"],
+            "pecs: run: the following arguments are required: -o/--output before --sense\n",
+        ),
     ],
     ids=lambda value: str(value[0]) if isinstance(value, list) else "",
 )

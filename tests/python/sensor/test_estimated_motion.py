@@ -197,6 +197,7 @@ def test_size_and_crop_resample_light(tmp_path, pecs_program):
     assert abs(len(found) / len(wanted) - 1) < 0.01 and matched(found, wanted, 50) > 0.99
     for wrong, message in {
         ("--size", "80x40"): "the middle has it with --crop 0,7,174,87",
+        ("--set", "width=40", "--set", "height=40"): "(--crop 36,0,102,102 --size 40x40, or a smaller --size)",
         ("--crop", "100,0,80,40"): "within 174x102",
         ("--size", "0x40"): "wanted WIDTHxHEIGHT",
         ("--crop", "1,2,3"): "wanted X,Y,WIDTH,HEIGHT",

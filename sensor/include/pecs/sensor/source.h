@@ -88,6 +88,8 @@ class FrameSource {
   // that begins at a frame is a guess, [height * width]. Thread-safe.
   virtual bool estimates_motion() const { return false; }
   virtual std::vector<std::uint8_t> unsure(std::int64_t) const { return {}; }
+  // Options with which the frames have this size; empty where there are none.
+  virtual std::string options_for(int, int) const { return {}; }
   virtual SourceReport report() const { return {}; }
   // Pictures within the interval that begins at a frame: their times, on the clock of info().times_ns, increasing; and
   // all rows of one of them with its subpixels, NaN where it was not rendered.

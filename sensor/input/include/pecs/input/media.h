@@ -14,8 +14,6 @@ namespace pecs::input {
 
 struct VideoFrames {
   std::function<bool(cv::Mat&)> read;  // the next frame; false at the end. Empty: nothing that OpenCV can read.
-  std::function<bool()> skip;
-  std::function<double()> time_ms;  // of the last frame read or skipped, as the file has it
   double fps = 0;                   // nominal; 0: unknown
   double pixel_aspect = 1;          // width of a pixel over its height
 };
@@ -24,6 +22,9 @@ struct Media {
   cv::Mat (*read_picture)(const std::string& path, int imread_flags);  // empty where OpenCV cannot read it
   std::vector<std::uint8_t> (*png_of)(const cv::Mat& picture);
   VideoFrames (*open_video)(const std::string& path);
+  // Of all frames that can be decoded, in the order of display, as the file has them; NaN where it has none. Empty: no
+  // video that FFmpeg can read.
+  std::vector<double> (*frame_times_ms)(const std::string& path);
   // Appends frames; its end closes the file. codec: FOURCC; empty where no such encoder opens.
   std::function<void(const cv::Mat&)> (*video_writer)(const std::string& path, const std::string& codec, double fps,
                                                       int width, int height);
