@@ -37,14 +37,11 @@ pecs_sensor* open_sensor(const pecs::Json& json, const pecs_model* model) {
   SenseOptions options;
   read_sensor_options(o, options);
   pecs::capi::use_model(model, options.model);
-  Chip chip = chip_of(options);
+  const Chip chip = chip_of(options, o.boolean_or("chip_frames", false), "chip_frames");
   const int width = static_cast<int>(o.integer("width", 1, kMaxSide)),
             height = static_cast<int>(o.integer("height", 1, kMaxSide));
   const double gain_fa = o.number("photocurrent_a", {1e-20, 1}) * 1e15;
-  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), o.boolean_or("chip_frames", false),
-                            !options.no_noise, options.stages};
-  if (extras.frames) check_has_frames(chip, "chip_frames");
-  chip.takes_frames = extras.frames;
+  const SensorExtras extras{!options.ideal_readout, o.boolean_or("labels", false), !options.no_noise, options.stages};
   const auto unit = o.has("time_unit") ? std::optional(pecs::time_unit_from(o.text("time_unit"))) : std::nullopt;
   o.done();
   check_fits(chip, width, height, "frames");

@@ -156,6 +156,14 @@ def still_scores(t_us, pixel, p):
     return rows
 
 
+def fired_back(t_us, pixel, p, dark):
+    """Of the dark pixels with an ON event where window 33 begins: shares with an OFF event in its first 6 and 30 ms."""
+    phase_us = t_us - 31 * PERIOD_US
+    fired = np.unique(pixel[(phase_us > -700) & (phase_us < 300) & (p == 1) & dark[pixel]])
+    back = [pixel[(phase_us >= 300) & (phase_us < end_us) & (p == 0)] for end_us in (6000, 30000)]
+    return len(fired), [round(float(np.isin(fired, pixels).mean()), 2) for pixels in back]
+
+
 def same_maps(one, other, k):
     """Correlation of the numbers of events in 8x8 pixels, in window k."""
     maps = []
@@ -194,6 +202,8 @@ def still(folder, seed, picture):
     recorded = of_windows(events["t"], events, 32, 34)
     for name, of_recording in still_scores(*recorded).items():
         print(f"{name:35} {of_recording!s:32} {still_scores(*simulated)[name]}")
+    dark = (mean < np.quantile(mean, 0.2)).ravel()
+    print("dark pixels that fire back", fired_back(*recorded, dark), fired_back(*simulated, dark))
     if picture:
         draw(recorded, simulated, picture)
 

@@ -514,7 +514,7 @@ def sensor_error(scene: bpy.types.Scene) -> str:
     values = {
         part: {o.name: float(o.value) for o in sensor.overrides if known[o.name]["of"] == part} for part in _PARTS
     }
-    options = {name: values[part] for part, name in _PARTS.items()}
+    options = {name: values[part] for part, name in _PARTS.items()} | {"chip_frames": takes_frames(scene)}
     options |= {"preset": sensor.preset} if sensor.preset else {"model": sensor.model, "readout": sensor.readout}
     options["biases"] = {name: getattr(sensor, name) for name in ("diff_on", "diff_off") if getattr(sensor, name)}
     band = [plain(sensor.afk_low_hz), plain(sensor.afk_high_hz)]
@@ -549,9 +549,13 @@ def has_frames(settings) -> bool:
     return "frame_period_s" in parameters(settings)
 
 
+def takes_frames(scene: bpy.types.Scene) -> bool:
+    return scene.pecs.sensor.chip_frames and has_frames(scene.pecs)
+
+
 def frames_path(scene: bpy.types.Scene, events: Path) -> Path | None:
     """File or folder of the frames of the chip; none if it takes none."""
-    if not (scene.pecs.sensor.chip_frames and has_frames(scene.pecs)):
+    if not takes_frames(scene):
         return None
     return events if events.suffix == ".aedat4" else events.with_name(f"{events.stem}_frames")
 

@@ -60,12 +60,14 @@ constexpr std::array kValues = {
     Value{"frame_read_noise_e", "electron", 0, 1e6, &Chip::frame_read_noise_e},
     Value{"frame_dark_hz", "electron/s", 0, 1e9, &Chip::frame_dark_hz},
     Value{"frame_adc_bits", "bit", 1, 16, &Chip::frame_adc_bits},
+    Value{"frame_auto_mean", "1", 0, 1, &Chip::frame_auto_mean},
+    Value{"frame_auto_gain", "1", 1e-3, 10, &Chip::frame_auto_gain},
     Value{"frame_step", "ln", 0, 5, &Chip::frame_step},
     Value{"frame_step_spread", "1", 0, 2, &Chip::frame_step_spread},
     Value{"frame_step_slow", "ln", 0, 5, &Chip::frame_step_slow},
     Value{"frame_step_slow_s", "s", 1e-6, 10, &Chip::frame_step_slow_s},
 };
-constexpr std::size_t kFrameValues = 15;  // the last ones, those of the object `frames`, which a profile may lack
+constexpr std::size_t kFrameValues = 17;  // the last ones, those of the object `frames`, which a profile may lack
 
 bool is_whole(double v) { return v == std::floor(v); }
 
@@ -271,10 +273,17 @@ void check_fits(const Chip& chip, int width, int height, const std::string& sour
                     fmt::format("at most {}'s {}x{}{}", chip.name, chip.width, chip.height, remedy));
 }
 
-void check_has_frames(const Chip& chip, const std::string& option) {
-  if (!chip.has_frames())
+void take_frames(Chip& chip, bool takes, const std::string& option, const std::vector<std::string>& overrides) {
+  if (takes && !chip.has_frames())
     throw Error(ExitCode::usage,
                 fmt::format("{}: got chip {}, wanted one with frames (pecs chips)", option, chip.name));
+  chip.takes_frames = takes;
+  for (const std::string& text : overrides) {
+    if (text.starts_with("frame_") && !takes)
+      throw Error(ExitCode::usage, fmt::format("--set {}: has no effect without {}", text, option));
+    if (text.starts_with("frame_auto_gain=") && !chip.has_auto_exposure())
+      throw Error(ExitCode::usage, fmt::format("--set {}: has no effect without frame_auto_mean", text));
+  }
 }
 
 Json chip_to_json(const Chip& chip) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "pecs/sensor/random.h"
 
@@ -13,6 +14,17 @@ namespace {
 
 constexpr double kElectron_c = 1.602176634e-19;
 constexpr double kElectronsPerFaUs = 1e-21 / kElectron_c;
+constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000;  // davis_ros_driver
+
+// Mean of the values' middle half, as a share of the ADC's range.
+double middle_mean(const events::Frame& frame) {
+  std::vector<std::uint16_t> values = frame.values;
+  const std::ptrdiff_t quarter = std::ssize(values) / 4, middle = std::ssize(values) - 2 * quarter;
+  const auto first = values.begin() + quarter, end = first + middle;
+  std::ranges::nth_element(values, first);
+  std::ranges::nth_element(first, end, values.end());
+  return std::accumulate(first, end, 0.0) / (std::exp2(frame.bits) - 1) / static_cast<double>(middle);
+}
 
 }  // namespace
 
@@ -26,8 +38,10 @@ ChipFrames::ChipFrames(const Chip& chip, int width, int height, double unit_fa, 
       from_us_(static_cast<double>(from_us)),
       to_us_(static_cast<double>(to_us)),
       period_us_(chip.frame_period_s * 1e6),
-      exposure_us_(chip.frame_exposure_s * 1e6),
-      row_us_(chip.frame_row_s * 1e6) {}
+      row_us_(chip.frame_row_s * 1e6),
+      rolled_us_(row_us_ * (height - 1)),
+      exposures_us_{chip.frame_exposure_s * 1e6},
+      most_us_(std::min(kMostAuto_us, period_us_ - chip.frame_dead_s * 1e6)) {}
 
 void ChipFrames::add(std::span<const float* const> planes, std::span<const double> t_us, Region rows) {
   const std::size_t first = static_cast<std::size_t>(rows.begin) * width_,
@@ -47,53 +61,74 @@ void ChipFrames::add(std::span<const float* const> planes, std::span<const doubl
 
 // Adds the light between two planes to each frame that is exposed then.
 void ChipFrames::expose(const float* from, const float* to, double from_us, double to_us) {
-  const double rolled_us = row_us_ * static_cast<double>(height_ - 1), length_us = to_us - from_us;
-  const double earliest_us = std::max(from_us - exposure_us_ - rolled_us, from_us_);
-  for (auto k = std::max<std::int64_t>(0, std::llround(std::ceil(earliest_us / period_us_))); begin_us(k) < to_us;
-       ++k) {
-    if (begin_us(k) + rolled_us + exposure_us_ > to_us_) break;
-    if (begin_us(k) + rolled_us + exposure_us_ <= from_us) continue;  // complete, and perhaps taken
-    const auto found = light_.try_emplace(k, width_ * height_).first;
+  const double length_us = to_us - from_us;
+  for (std::int64_t k = first_frame(from_us); begin_us(k) < to_us; ++k) {
+    if (end_us(k) <= from_us || !(is_output(k) || chip_.has_auto_exposure())) continue;
+    std::vector<double>& light = light_.try_emplace(k, width_ * height_).first->second;
+    const double exposed_us = exposure_us(k);
     tbb::parallel_for(rows_.begin, rows_.end, [&](int y) {
       const double row_begin_us = begin_us(k) + row_us_ * y;
       const double a = (std::max(row_begin_us, from_us) - from_us) / length_us,
-                   b = (std::min(row_begin_us + exposure_us_, to_us) - from_us) / length_us;
+                   b = (std::min(row_begin_us + exposed_us, to_us) - from_us) / length_us;
       if (a >= b) return;
       // Integral of linear light from a to b, as weights of its ends.
       const double of_to = 0.5 * (b - a) * (a + b) * length_us, of_from = (b - a) * length_us - of_to;
       const std::size_t first = static_cast<std::size_t>(y) * width_;
-      for (std::size_t p = first; p < first + width_; ++p) found->second[p] += of_from * from[p] + of_to * to[p];
+      for (std::size_t p = first; p < first + width_; ++p) light[p] += of_from * from[p] + of_to * to[p];
     });
+    if (end_us(k) <= to_us && rows_.end == static_cast<int>(height_)) complete(k);
   }
 }
 
-std::vector<events::Frame> ChipFrames::take() {
-  const double rolled_us = row_us_ * static_cast<double>(height_ - 1);
-  std::vector<events::Frame> out;
-  while (!light_.empty()) {
-    const auto first = light_.begin();
-    if (begin_us(first->first) + rolled_us + exposure_us_ > last_us_ || rows_.end < static_cast<int>(height_)) break;
-    out.push_back(developed(first->first, first->second));
-    light_.erase(first);
-    ++frames_;
-    for (const std::uint16_t dn : out.back().values) {
-      sum_ += dn;
-      saturated_ += dn == (1u << out.back().bits) - 1;
-    }
+void ChipFrames::complete(std::int64_t frame) {
+  events::Frame out = developed(frame, light_.at(frame));
+  light_.erase(frame);
+  if (chip_.has_auto_exposure()) metered_.push_back({end_us(frame), middle_mean(out)});
+  if (!is_output(frame)) return;
+  ++frames_;
+  for (const std::uint16_t dn : out.values) {
+    sum_ += dn;
+    saturated_ += dn == (1u << out.bits) - 1;
   }
+  complete_.push_back(std::move(out));
+}
+
+// The frame begins in the light so far. Frames that ended before it set its exposure.
+double ChipFrames::exposure_us(std::int64_t frame) {
+  if (!chip_.has_auto_exposure()) return exposures_us_.front();
+  while (std::ssize(exposures_us_) <= frame) {
+    double next_us = exposures_us_.back();
+    for (; !metered_.empty() && metered_.front().end_us <= begin_us(std::ssize(exposures_us_)); metered_.pop_front()) {
+      const double change = chip_.frame_auto_gain * (chip_.frame_auto_mean - metered_.front().mean);
+      next_us = std::clamp(std::round(next_us * (1 + change)), kLeastAuto_us, most_us_);
+    }
+    exposures_us_.push_back(next_us);
+  }
+  return exposures_us_[static_cast<std::size_t>(frame)];
+}
+
+std::int64_t ChipFrames::first_frame(double us) const {
+  const double longest_us = std::max(exposures_us_.front(), most_us_) + rolled_us_;
+  return std::max<std::int64_t>(0, std::llround(std::floor((us - longest_us) / period_us_)));
+}
+
+std::vector<ChipExposure> ChipFrames::exposures(double from_us, double to_us) {
+  std::vector<ChipExposure> out;
+  for (std::int64_t k = first_frame(from_us); begin_us(k) < to_us; ++k)
+    if (end_us(k) >= from_us) out.push_back({k, begin_us(k), begin_us(k) + exposure_us(k)});
   return out;
 }
 
 // Light, dark current and shot noise in electrons; gain, offset, read noise and the ADC.
-events::Frame ChipFrames::developed(std::int64_t frame, std::span<const double> light) const {
+events::Frame ChipFrames::developed(std::int64_t frame, std::span<const double> light) {
   events::Frame out;
-  const double begin_us_of_middle = begin_us(frame) - from_us_ + row_us_ * 0.5 * static_cast<double>(height_ - 1);
+  const double begin_us_of_middle = begin_us(frame) - from_us_ + 0.5 * rolled_us_, exposed_us = exposure_us(frame);
   out.begin_us = std::llround(begin_us_of_middle);
-  out.end_us = std::llround(begin_us_of_middle + exposure_us_);
+  out.end_us = std::llround(begin_us_of_middle + exposed_us);
   out.bits = static_cast<int>(chip_.frame_adc_bits);
   out.values.resize(light.size());
   const double most = std::exp2(chip_.frame_adc_bits) - 1;
-  const double dark_e = exposure_us_ * (chip_.dark_current_a * 1e15 * kElectronsPerFaUs + chip_.frame_dark_hz * 1e-6);
+  const double dark_e = exposed_us * (chip_.dark_current_a * 1e15 * kElectronsPerFaUs + chip_.frame_dark_hz * 1e-6);
   tbb::parallel_for(std::size_t{0}, height_, [&](std::size_t y) {
     for (std::size_t p = y * width_; p < (y + 1) * width_; ++p) {
       const auto pixel = static_cast<std::uint32_t>(p);
@@ -126,8 +161,10 @@ std::vector<std::string> ChipFrames::warnings() const {
   if (!frames_) return {"--frames: no exposure lies within the output"};
   const auto share = counts["saturated_share"].get<double>();
   if (share <= kMostSaturated) return {};
-  return {fmt::format("--frames: {:.0f} % of the values are saturated; --set frame_exposure_s={} is shorter",
-                      100 * share, chip_.frame_exposure_s / 4)};
+  const std::string remedy = chip_.has_auto_exposure()
+                                 ? fmt::format("--set frame_auto_mean={} exposes less", chip_.frame_auto_mean / 2)
+                                 : fmt::format("--set frame_exposure_s={} is shorter", chip_.frame_exposure_s / 4);
+  return {fmt::format("--frames: {:.0f} % of the values are saturated; {}", 100 * share, remedy)};
 }
 
 }  // namespace pecs::sensor

@@ -99,7 +99,7 @@ class SenseRun {
   void estimate_noise();
   void run_streaming();
   bool simulate(const LightBatch& light);
-  void take_frames(const LightBatch& light, Region rows);
+  void take_frames(const LightBatch& light, Region rows, FrameBatch& batch);
   void label_unsure();
   void run_loop_in_bands(std::span<const Region> bands);
   PixelRange pixels_of(Region rows) const;
@@ -132,7 +132,7 @@ class SenseRun {
 
 SenseRun::SenseRun(const SenseOptions& options)
     : options_(options),
-      chip_(chip_of(options)),
+      chip_(chip_of(options, options.frames.has_value(), "--frames")),
       source_(checked_source(options, chip_)),
       timeline_(*source_, options.window),
       response_(response()),
@@ -142,7 +142,7 @@ SenseRun::SenseRun(const SenseOptions& options)
       simulation_(simulation()),
       sink_(options, chip_, timeline_) {
   if (moves_ && source_->info().has_noise && options_.render_noise > 0) estimate_noise();
-  if (options_.frames)
+  if (chip_.takes_frames)
     frames_.emplace(chip_, source_->info().width, source_->info().height, 1.0,
                     options_.no_noise ? std::nullopt : std::optional(options_.seed), timeline_.from_us(),
                     timeline_.to_us());
@@ -189,7 +189,8 @@ ModelChoice SenseRun::model() const {
 
 SenseReport SenseRun::run() {
   std::vector<Region> bands;
-  if (!moves_) bands = timeline_.regions(simulation_.pixels.pixels_are_independent());
+  // An automatic exposure depends on all rows.
+  if (!moves_) bands = timeline_.regions(simulation_.pixels.pixels_are_independent() && !chip_.has_auto_exposure());
   if (bands.size() > 1)
     run_loop_in_bands(bands);
   else
@@ -247,16 +248,18 @@ void SenseRun::run_streaming() {
 
 // False: no further batches.
 bool SenseRun::simulate(const LightBatch& light) {
-  const FrameBatch frames = clock_.batch(light.planes, light.t_us, light.last);
+  FrameBatch frames = clock_.batch(light.planes, light.t_us, light.last);
+  if (frames_) take_frames(light, {0, source_->info().height}, frames);
   simulation_.step(frames, all_pixels(), clock_.final_us(), events_);
   if (noise_) noise_->step(frames, light.again, all_pixels(), clock_.final_us(), events_);
   if (moves_ && source_->estimates_motion()) label_unsure();
-  if (frames_) take_frames(light, {0, source_->info().height});
   return sink_.write(events_, frames.last);
 }
 
-void SenseRun::take_frames(const LightBatch& light, Region rows) {
+// Takes the light's frames, and adds their exposures to the batch.
+void SenseRun::take_frames(const LightBatch& light, Region rows, FrameBatch& batch) {
   frames_->add(light.planes, light.t_us, rows);
+  batch.exposures = frames_->exposures(batch.t_us.front(), batch.t_us.back());
   sink_.write(frames_->take());
 }
 
@@ -290,9 +293,10 @@ void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
     FrameClock clock;
     feed_frames(timeline_, light_, bands[k], [&](const LightBatch& light) {
       note_light(light, pixels_of(bands[k]));
-      simulation_.pixels.advance(clock.batch(light.planes, light.t_us, light.last), pixels_of(bands[k]), sorter);
+      FrameBatch frames = clock.batch(light.planes, light.t_us, light.last);
+      if (frames_) take_frames(light, bands[k], frames);
+      simulation_.pixels.advance(frames, pixels_of(bands[k]), sorter);
       sorter.drop_outside();
-      if (frames_) take_frames(light, bands[k]);
       progress.at(static_cast<std::int64_t>(k) * steps + light.steps);
       return true;
     });
@@ -380,7 +384,7 @@ std::vector<std::filesystem::path> outputs_of(const SenseOptions& options) {
   return {options.output, options.labels.value_or(""), options.dropped.value_or(""), frames.value_or("")};
 }
 
-Chip chip_of(const SenseOptions& options) {
+Chip chip_of(const SenseOptions& options, bool takes_frames, const std::string& frames_option) {
   BiasSettings biases = options.biases;
   std::vector<std::string> ignored;
   if (options.bias_file)
@@ -389,8 +393,7 @@ Chip chip_of(const SenseOptions& options) {
   for (const std::string& part : ignored)
     chip.warnings.push_back(
         fmt::format("{}: {} is enabled and not read; give its option", options.bias_file->string(), part));
-  if (options.frames) check_has_frames(chip, "--frames");
-  chip.takes_frames = options.frames.has_value();
+  take_frames(chip, takes_frames, frames_option, options.overrides);
   if (!options.no_noise) return chip;
   const Chip quiet = without_noise(chip);
   const Json with = chip_to_json(chip)["values"], without = chip_to_json(quiet)["values"];

@@ -43,7 +43,7 @@ FrameBatch frame_of(const FrameBatch& batch, std::size_t index) {
           {batch.planes[index]},
           {first, batch.t_us.begin() + static_cast<std::ptrdiff_t>(at + 1)},
           batch.last && index + 1 == batch.planes.size(),
-          batch.begin_us};
+          batch.exposures};
 }
 
 }  // namespace
@@ -65,7 +65,7 @@ void FrameClock::check(std::span<const double> t_us) const {
 FrameBatch FrameClock::batch(std::span<const float* const> planes, std::span<const double> t_us, bool last) {
   check(t_us);
   if (frames_ == 0 && !t_us.empty()) begin_us_ = t_us.front();
-  FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last, begin_us_};
+  FrameBatch batch{frames_, {planes.begin(), planes.end()}, recent_t_us_, last};
   batch.t_us.insert(batch.t_us.end(), t_us.begin(), t_us.end());
   frames_ += std::ssize(planes);
   // Later intervals' events are rounded to the end of these intervals at the earliest.
@@ -102,7 +102,7 @@ Sensor::Sensor(const Chip& chip, int width, int height, std::uint64_t seed, doub
       stages_(extras.stages, width, height),
       has_stages_(extras.stages.any()) {
   if (extras.readout && !is_ideal_readout(chip)) readout_.emplace(chip, width, height, seed);
-  if (extras.frames)
+  if (chip.takes_frames)
     frames_ =
         std::make_unique<ChipFrames>(chip, width, height, unit_fa, extras.noise ? std::optional(seed) : std::nullopt);
 }
@@ -154,11 +154,15 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
 
 void Sensor::advance(std::span<const float* const> planes, std::span<const double> t_us, bool last,
                      LabelledEvents& out) {
-  const FrameBatch batch = clock_.batch(planes, t_us, last);
-  if (frames_ && !planes.empty()) {
+  FrameBatch batch = clock_.batch(planes, t_us, last);
+  if (frames_) {
+    const double begin_us = clock_.begin_us();
     std::vector<double> since_begin_us(t_us.begin(), t_us.end());
-    for (double& t : since_begin_us) t -= batch.begin_us;
+    for (double& t : since_begin_us) t -= begin_us;
     frames_->add(planes, since_begin_us, {0, height_});
+    if (!batch.t_us.empty())
+      batch.exposures = frames_->exposures(batch.t_us.front() - begin_us, batch.t_us.back() - begin_us);
+    for (ChipExposure& exposure : batch.exposures) exposure.begin_us += begin_us, exposure.end_us += begin_us;
   }
   sorter_.begin(batch.t_us);
   pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);

@@ -243,7 +243,8 @@ def test_ros_by_rosbags(sequence, exported):
     assert "normals, masks, boxes, causes, objects" in left_out(report)
 
 
-def test_ros_images_of_a_davis_are_grey(tmp_path):
+@pytest.mark.parametrize("storage", ["mcap", "ros1"])
+def test_ros_images_of_a_davis_are_grey(storage, tmp_path):
     from rosbags.highlevel import AnyReader
 
     folder = small.write(tmp_path / "0000")
@@ -251,13 +252,15 @@ def test_ros_images_of_a_davis_are_grey(tmp_path):
     (folder / "right/frames/images").mkdir(parents=True)
     for i, picture in enumerate(taken):
         cv2.imwrite(str(folder / f"right/frames/images/frame_{i:08d}.png"), picture)
-    (folder / "right/frames/exposures.csv").write_text("index,start_us,end_us\n0,0,10000\n1,40000,50000\n")
-    writers.write("ros", [pecs.datasets.Sequence(folder)], tmp_path / "r")
-    with AnyReader([tmp_path / "r" / "0000"]) as reader:
-        messages = [
-            reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cam1/image_raw"
-        ]
-    for image, picture, t_ms in zip(messages, taken, (5, 45), strict=True):
+    (folder / "right/frames/exposures.csv").write_text("index,start_us,end_us\n0,0,10000\n1,43000,47000\n")
+    writers.write("ros", [pecs.datasets.Sequence(folder)], tmp_path / "r", storage=storage)
+    with AnyReader([tmp_path / "r" / ("0000.bag" if storage == "ros1" else "0000")]) as reader:
+        of_topic = {"/cam1/image_raw": [], "/cam1/exposure": []}
+        for c, t_ns, raw in reader.messages(c for c in reader.connections if c.topic in of_topic):
+            of_topic[c.topic].append((t_ns, reader.deserialize(raw, c.msgtype)))
+    images, exposures = of_topic.values()
+    assert [(t_ns, e.data) for t_ns, e in exposures] == [(5_000_000, 10_000), (45_000_000, 4000)]
+    for (_, image), picture, t_ms in zip(images, taken, (5, 45), strict=True):
         assert (image.encoding, image.step, image.header.stamp.nanosec) == ("mono8", W, t_ms * 10**6)
         np.testing.assert_array_equal(image.data.reshape(H, W), picture >> 8)
 

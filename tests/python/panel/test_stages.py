@@ -60,7 +60,12 @@ bpy.ops.pecs.chip_resolution()
 assert settings.size(scene) == (346, 260) and not checks.sensor_problems(scene)
 # Its frames: in an AEDAT4 file, else in a new folder; not of a chip that takes none
 assert not settings.frames_arguments(scene, own / "e.raw")
+auto = sensor.overrides.add()
+auto.name, auto.value = "frame_auto_mean", "0.5"
+assert "no effect without chip_frames" in checks.sensor_problems(scene)[0].text
 sensor.chip_frames = True
+assert not checks.sensor_problems(scene) and "frame_auto_mean=0.5" in settings.sensor_arguments(scene)
+sensor.overrides.clear()
 assert settings.frames_arguments(scene, own / "e.aedat4") == ["--frames", str(own / "e.aedat4")]
 assert settings.frames_arguments(scene, own / "e.raw") == ["--frames", str(own / "e_frames")]
 sensor.output, scene.pecs.sensor.format = str(own / "e.raw"), "auto"

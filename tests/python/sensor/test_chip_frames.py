@@ -95,10 +95,12 @@ def test_frames_depend_on_nothing_but_light_and_seed(moving, tmp_path):
     assert not np.array_equal(take(moving, tmp_path, "seed", **options | {"seed": 4})[0], dn)
 
 
-def test_events_by_frames_depend_on_nothing_but_light_and_seed(moving, tmp_path):
-    settings = {"frame_period_s": 0.009, "frame_exposure_s": 0.003, "frame_step": 0.3}
-    options = {"chip": CHIP, "seed": 3, "overrides": settings}
+@pytest.mark.parametrize("auto", [0, 0.5])
+def test_events_by_frames_depend_on_nothing_but_light_and_seed(auto, moving, tmp_path):
+    settings = {"frame_period_s": 0.009, "frame_exposure_s": 0.003, "frame_step": 0.3, "frame_auto_mean": auto}
+    options = {"chip": CHIP, "seed": 3}
     none = pecs.sense(moving, tmp_path / "none.npz", **options)["results"]["events"]
+    options["overrides"] = settings
     for name, more in {"a": {}, "one": {"threads": 1}, "three": {"threads": 3}}.items():
         labels = tmp_path / f"{name}.npy"
         pecs.sense(moving, tmp_path / f"{name}.npz", frames=tmp_path / name, labels=labels, **options, **more)

@@ -5,6 +5,7 @@ an RGB camera with the pixels of an event camera has no number.
     SEQUENCE.bag           storage "ros1"
       /camN/events         dvs_msgs/EventArray or event_camera_msgs/EventPacket
       /camN/image_raw      sensor_msgs/Image rgb8, at the middle of the exposure
+      /camN/exposure       std_msgs/Int32: of a DAVIS's image [us], as its driver has it
       /camN/camera_info    sensor_msgs/CameraInfo: plumb_bob or rational_polynomial; R and P of the rectified picture
       /camN/pose           geometry_msgs/PoseStamped: world_from_camera; x right, y down, z forward
       /camN/depthmap       sensor_msgs/Image 32FC1: z [m] on the distorted pixels, as in the native files
@@ -110,6 +111,9 @@ def _images(bag: ros.Bag, at: str, camera: Camera, frames: list[Frame]) -> Itera
                 picture, grey = read_picture(frame.path), bool(camera.kind == "events" and camera.frames())
                 picture, encoding = (picture[..., :1], "mono8") if grey else (picture, "rgb8")  # of a DAVIS's driver
                 yield _image(bag, f"{at}/image_raw", t_us, camera.name, encoding, picture)
+                if grey:
+                    exposure = bag.message("std_msgs/msg/Int32", data=frame.end_us - frame.start_us)
+                    yield _ns(t_us), f"{at}/exposure", "std_msgs/msg/Int32", bag.serialized(exposure)
 
 
 def _camera_info(bag: ros.Bag, at: str, t_us: float, camera: Camera) -> Message:

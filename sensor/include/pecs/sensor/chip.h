@@ -91,10 +91,12 @@ struct Chip {
   double frame_offset_dn = 0, frame_offset_mismatch_dn = 0;  // of no light; standard deviation over the pixels
   double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s beside dark_current_a
   double frame_adc_bits = 0;
+  double frame_auto_mean = 0, frame_auto_gain = 0;    // of the automatic exposure (chip_frames.cpp); mean 0: none
   double frame_step = 0, frame_step_spread = 0;       // of y [ln units]: median; std of its logarithm
   double frame_step_slow = 0, frame_step_slow_s = 1;  // of what the comparators see; its time constant
   bool takes_frames = false;                          // on request: the pixels feel the exposures
   bool has_frames() const { return frame_period_s > 0; }
+  bool has_auto_exposure() const { return takes_frames && frame_auto_mean > 0; }
 
   std::map<std::string, Range> ranges;         // of the profile's values, by their keys
   std::map<std::string, std::string> sources;  // likewise
@@ -125,7 +127,9 @@ Chip without_noise(Chip chip);
 
 // Throws bad_input for a picture larger than the chip, naming `source` and, at its end, the remedy.
 void check_fits(const Chip& chip, int width, int height, const std::string& source, const std::string& remedy = "");
-void check_has_frames(const Chip& chip, const std::string& option);  // throws usage
+// Sets takes_frames, for which `option` asks. Throws usage for a chip without frames, and for overrides of frames that
+// have no effect.
+void take_frames(Chip& chip, bool takes, const std::string& option, const std::vector<std::string>& overrides);
 
 // All values with their units and the relative quantum efficiency, after overrides, for run records.
 Json chip_to_json(const Chip& chip);

@@ -24,13 +24,20 @@
 
 namespace pecs::sensor {
 
+// An exposure of the chip's own frames, in row 0.
+struct ChipExposure {
+  std::int64_t frame;
+  double begin_us, end_us;
+};
+
 // A batch of frames.
 struct FrameBatch {
   std::int64_t first_frame = 0;      // number of frames in earlier batches
   std::vector<const float*> planes;  // each [height * width], row 0 at the top, in the model's range at least
   std::vector<double> t_us;          // of frames first_frame - 2 … (those that exist), then one per plane
   bool last = false;                 // no frame follows: the last interval is finished too
-  double begin_us = 0;               // time of frame 0, at which the first exposure of the chip's own frames begins
+  // Exposures that some row has within t_us; none unless the chip takes frames.
+  std::vector<ChipExposure> exposures = {};
 };
 
 // Pixels [first, end), by y * width + x.

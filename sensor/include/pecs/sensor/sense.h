@@ -57,8 +57,8 @@ struct SenseOptions {
 // All that a run writes, for check_outputs().
 std::vector<std::filesystem::path> outputs_of(const SenseOptions& options);
 
-// The chip of a run, with overrides, biases and noise as the options say.
-Chip chip_of(const SenseOptions& options);
+// The chip of a run, with overrides, biases and noise as the options say. frames_option asks for its frames.
+Chip chip_of(const SenseOptions& options, bool takes_frames, const std::string& frames_option);
 
 struct SenseReport {
   Json config;   // resolved

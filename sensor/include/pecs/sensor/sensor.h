@@ -50,7 +50,6 @@ class PixelArray {
 struct SensorExtras {
   bool readout = false;  // the chip's row arbiter and time base; else events keep their times
   bool causes = false;   // report causes (models with tells_causes)
-  bool frames = false;   // those of a chip that has_frames()
   bool noise = true;     // of the frames; that of the events is the chip's
   StageOptions stages = {};
 };
@@ -74,8 +73,8 @@ class Sensor {
   // for another number of channels.
   void push_moving(std::span<const float* const> planes, std::span<const double> t_us, const float* motion,
                    std::size_t channels, bool last, LabelledEvents& events);
-  // Frames that the chip completed since the last call, on the clock of the light; exposure k begins k periods after
-  // the first light.
+  // Frames that a chip with takes_frames completed since the last call, on the clock of the light; exposure k begins k
+  // periods after the first light.
   std::vector<events::Frame> take_frames();
   std::int64_t dropped() const { return readout_ ? readout_->dropped() : 0; }
   const StageCounts& dropped_by_stage() const { return stages_.counts(); }

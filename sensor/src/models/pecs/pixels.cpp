@@ -61,9 +61,6 @@ PecsPixels::PecsPixels(const ModelSetup& setup)
       noise_seed_(setup.noise_seed),
       random_phase_(setup.random_phase),
       takes_frames_(setup.chip.takes_frames && setup.chip.frame_step + setup.chip.frame_step_slow > 0),
-      frame_period_us_(setup.chip.frame_period_s * 1e6),
-      frame_exposure_us_(setup.chip.frame_exposure_s * 1e6),
-      rolled_us_(setup.chip.frame_row_s * 1e6 * (setup.height - 1)),
       exposures_{{},
                  setup.chip.frame_row_s * 1e6,
                  static_cast<std::uint32_t>(setup.width),
@@ -168,10 +165,9 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
   std::vector<BackgroundEvent> noise;
   if (complete && has_background()) noise = background(batch.t_us[0], batch.t_us[complete], range);
   ExposureSteps exposures = exposures_;
-  const std::vector<ExposureStep> steps =
-      complete && takes_frames_
-          ? exposure_steps(batch.t_us[0] - batch.begin_us, batch.t_us[complete] - batch.begin_us, batch.begin_us)
-          : std::vector<ExposureStep>{};
+  std::vector<ExposureStep> steps;
+  for (const auto& [frame, begin_us, end_us] : batch.exposures)
+    if (takes_frames_) steps.insert(steps.end(), {{begin_us, frame, false}, {end_us, frame, true}});
   exposures.steps = steps;
   const auto run = has_thresholds_only() ? run_threshold_kernel : run_kernel;
   run({constants_,
@@ -205,19 +201,6 @@ void PecsPixels::advance(const FrameBatch& batch, PixelRange range, EventSlots& 
        exposures,
        &events,
        marks_.empty() ? nullptr : marks_.data()});
-}
-
-// The steps of all exposures that some row has in [begin_us, end_us). Times count from clock_us, when the clock of
-// the frames began, as in ChipFrames.
-std::vector<ExposureStep> PecsPixels::exposure_steps(double begin_us, double end_us, double clock_us) const {
-  std::vector<ExposureStep> steps;
-  auto frame = static_cast<std::int64_t>(std::floor((begin_us - rolled_us_ - frame_exposure_us_) / frame_period_us_));
-  for (frame = std::max<std::int64_t>(0, frame); static_cast<double>(frame) * frame_period_us_ < end_us; ++frame) {
-    const double first_us = static_cast<double>(frame) * frame_period_us_;
-    steps.push_back({clock_us + first_us, frame, false});
-    steps.push_back({clock_us + first_us + frame_exposure_us_, frame, true});
-  }
-  return steps;
 }
 
 // Poisson processes of one rate in all pixels are one process of the summed rate with a random pixel per event. Drawn

@@ -77,7 +77,6 @@ class PecsPixels : public PixelModel {
   Random4 random_of(std::uint32_t pixel) const;
   std::optional<std::size_t> mapped(std::uint32_t pixel) const;  // index of its values in the map
   std::vector<BackgroundEvent> background(double begin_us, double end_us, PixelRange range) const;
-  std::vector<ExposureStep> exposure_steps(double begin_us, double end_us, double clock_us) const;
 
   PixelConstants constants_;
   double dark_fa_, gain_fa_, noise_std_, background_on_hz_, background_off_hz_;
@@ -85,15 +84,14 @@ class PecsPixels : public PixelModel {
   bool random_phase_;
   bool equal_thresholds_;
   bool takes_frames_;
-  double frame_period_us_, frame_exposure_us_, rolled_us_;  // rolled_us_: delay of the last row
-  ExposureSteps exposures_;                                 // without the steps
-  Zeros threshold_on_, threshold_off_;                      // if equal, one vector each
-  Zeros light0_, light1_;                                   // of the last two frames (kernel.h)
-  Zeros m0_;                                                // slope of ln I [1/us] at the earlier one
-  Zeros reference_, blind_us_;                              // blind_us_: empty with thresholds only
-  Zeros w_;                                                 // photoreceptor; empty when infinitely fast
-  Zeros y_, n_, z_, e_;                                     // as in kernel.h; empty without
-  std::vector<HotPixel> hot_;                               // sorted
+  ExposureSteps exposures_;             // without the steps
+  Zeros threshold_on_, threshold_off_;  // if equal, one vector each
+  Zeros light0_, light1_;               // of the last two frames (kernel.h)
+  Zeros m0_;                            // slope of ln I [1/us] at the earlier one
+  Zeros reference_, blind_us_;          // blind_us_: empty with thresholds only
+  Zeros w_;                             // photoreceptor; empty when infinitely fast
+  Zeros y_, n_, z_, e_;                 // as in kernel.h; empty without
+  std::vector<HotPixel> hot_;           // sorted
   std::shared_ptr<const PixelMap> map_;
   std::uint32_t width_;
   std::vector<ResetMark> marks_;  // empty without causes, and with thresholds only
