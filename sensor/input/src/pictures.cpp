@@ -214,11 +214,12 @@ class Video final : public Pictures {
       info_.times_ns = times.of(std::ssize(own_ms), path_.string());
       return;
     }
-    for (const double ms : own_ms) {
-      info_.times_ns.push_back(std::llround((ms - own_ms[0]) * 1e6));
-      if (const auto& t = info_.times_ns; t.size() > 1 && t.back() <= t[t.size() - 2])
-        throw bad_input(path_.string(), fmt::format("time of frame {}", t.size() - 1), fmt::format("{} ms", ms),
+    for (std::size_t i = 0; i < own_ms.size(); ++i) {
+      if (std::isnan(own_ms[i]) || (i > 0 && own_ms[i] <= own_ms[i - 1]))
+        throw bad_input(path_.string(), fmt::format("time of frame {}", i),
+                        std::isnan(own_ms[i]) ? "none" : fmt::format("{} ms", own_ms[i]),
                         "one after the frame before (or --times FILE)");
+      info_.times_ns.push_back(std::llround((own_ms[i] - own_ms[0]) * 1e6));
     }
   }
 
