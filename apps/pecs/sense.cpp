@@ -99,7 +99,8 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
 void add_pixels(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--chip", o->chip, "chip profile: a name or a .json path")->capture_default_str();
   sub->add_option("--set", o->overrides,
-                  "KEY=VALUE: a value of the chip, a plain number in the profile's unit (once per key)")
+                  "KEY=VALUE: a value of the chip, a plain number in the profile's unit, such as "
+                  "refractory_period_s=0.001 (once per key)")
       ->allow_extra_args(false);
   sub->add_option("--bias", o->bias_texts,
                   "NAME=OFFSET[,...]: biases as offsets to the factory setting, such as diff_on=35")

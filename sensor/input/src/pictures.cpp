@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -9,6 +11,7 @@
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <span>
 
 #include "linear.h"
 #include "pecs/error.h"
@@ -28,8 +31,9 @@ void check_pixel_aspect(double aspect, const std::string& name) {
 
 namespace fs = std::filesystem;
 
-constexpr double kRounding_ms = 1;    // containers' time bases are as coarse as this
-constexpr int kBlock = 8, kDark = 5;  // sRGB: up to this value, the next one is 20 % brighter
+constexpr double kRounding_ms = 1;  // containers' time bases are as coarse as this
+constexpr int kBlock = 8;
+constexpr int kDark = 5;  // sRGB: up to this value, the next one is 20 % brighter
 constexpr double kMuchDark = 0.05, kBlocky = 1.2;
 
 const std::string kPictures[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm"};
@@ -54,10 +58,11 @@ class Pictures : public sensor::FrameSource {
           "light by 20 % or more, which causes events; pictures of 16 bits have finer steps",
           name(), 100 * dark_share_, kDark));
     if (block_edges_ > kBlocky)
-      out.warnings.push_back(fmt::format(
-          "{}: differences at the edges of blocks of 8 pixels are {:.2f} times those within: compression, which causes "
-          "events where blocks change; use a higher quality, or a smaller --size",
-          name(), block_edges_));
+      out.warnings.push_back(
+          fmt::format("{}: differences at the edges of blocks of 8 pixels are {:.2f} times those anywhere within: "
+                      "compression, which "
+                      "causes events where blocks change; use a higher quality",
+                      name(), block_edges_));
     return out;
   }
 
@@ -113,13 +118,20 @@ class Pictures : public sensor::FrameSource {
     cv::Mat grey, rows, columns;
     cv::transform(first, grey, cv::Mat(1, first.channels(), CV_32F, cv::Scalar(1.0 / first.channels())));
     dark_share_ = cv::countNonZero(grey <= kDark) / static_cast<double>(grey.total());
-    // Mean differences from column to column, and from row to row, at block edges and elsewhere.
+    // Mean differences from column to column, and from row to row, by their place in blocks. Sharp edges of the scene
+    // lie at all places.
     grey.convertTo(grey, CV_32F);
-    double at_edges = 0, within = 0;
+    std::array<double, kBlock> differences{};
     for (const cv::Mat& turned : {grey, cv::Mat(grey.t())})
-      for (int x = 1; x < turned.cols; ++x)
-        (x % kBlock ? within : at_edges) += cv::norm(turned.col(x), turned.col(x - 1), cv::NORM_L1);
-    block_edges_ = within > 0 ? at_edges * (kBlock - 1) / within : 1;
+      for (std::size_t place = 0; place < kBlock; ++place) {
+        double sum = 0;
+        int number = 0;
+        for (int x = static_cast<int>(place ? place : kBlock); x < turned.cols; x += kBlock, ++number)
+          sum += cv::norm(turned.col(x), turned.col(x - 1), cv::NORM_L1) / turned.rows;
+        differences[place] += number ? sum / number : 0;
+      }
+    const double elsewhere = *std::ranges::max_element(std::span(differences).subspan(1));
+    block_edges_ = elsewhere > 0 ? differences[0] / elsewhere : 1;
   }
   // "--crop X,Y,W,H" of the middle with the aspect ratio of `wanted`, to 1 %; empty where all that is used has it.
   std::string crop_for(cv::Size wanted) const {
