@@ -408,7 +408,7 @@ def busy(folder):
     while job.step.startswith(("Starting", "Motion", "Image 1 ")):
         assert background.poll() == background.POLL_S
         time.sleep(0.02)
-    assert any(re.match(r"Image \d+ of \d+, 0:\d\d left", text) for text in drawn()), drawn()
+    assert any(re.match(r"Image \d+ of \d+, [\d:]+ left", text) for text in drawn()), drawn()
     bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))  # another file: it goes on
     assert background.poll() == background.POLL_S and background.state.job is job
     bpy.ops.pecs.stop()
