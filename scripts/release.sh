@@ -55,6 +55,8 @@ for target in linux-x86_64 linux-aarch64 windows-x86_64; do  # macOS: .github/wo
   "$PY" scripts/packaging/make_wheels.py --core "$target"
 done
 scripts/platforms/try_windows.sh --tests
+scripts/platforms/try_linux.sh --tests x86_64  # root
+scripts/platforms/try_linux.sh --tests aarch64
 scripts/packaging/try_wheels.sh  # root
 
 say "ready: what is left for a person"

@@ -52,8 +52,8 @@ try() {
   cp dist/*.whl "$root/root/dist/"
   cp -r examples "$root/root/"
   say "$suite: $(inside "$suite" 'python3 --version; ldd --version | head -1' | tr '\n' ' ')"
-  local wheels='dist/pecs_sim-*.whl'
-  [ -z "$BLENDER" ] || wheels+=' dist/pecs_blender-*.whl'
+  local wheels="pecs-sim==$(cat VERSION)"  # dist/ may also have the core's wheels, of other systems
+  [ -z "$BLENDER" ] || wheels+=" pecs-blender==$(cat VERSION)"
   inside "$suite" 'for p in OpenEXR OpenCV libhdf5 libtbb; do ! ls /usr/lib/*/ | grep -qi $p; done' || die "$suite: not bare"
   timed "venv" "$suite" 'cd; python3 -m venv v'
   timed "download" "$suite" "cd; v/bin/pip download -q -d got --find-links dist $wheels"

