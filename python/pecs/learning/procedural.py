@@ -24,10 +24,10 @@ CHIP = "davis346"
 TEXTURE_PX = 320  # side of a layer's texture
 MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (2.3, 3.7, 6.0, 9.1)  # a shaking camera sees the edges of large things only
 LETTERS = list("ABCDEFGHKMNPRSTXYZ0123456789agkmx")
-FASTEST_PX_S = (20, 1000)  # of the background, drawn log-uniformly
+FASTEST_PX_S = (40, 1200)  # of the background, drawn log-uniformly
 TRUTH_US = 5000  # between pictures
-WHITE_A = (2e-15, 2e-12)  # photocurrent of white, drawn log-uniformly: corners of 1 Hz to 1.2 kHz
-THRESHOLDS = (0.1, 0.5)  # mean of ON and OFF, drawn log-uniformly
+WHITE_A = (5e-15, 4e-12)  # photocurrent of white, drawn log-uniformly: corners of 3 Hz to 2.4 kHz
+THRESHOLDS = (0.08, 0.4)  # mean of ON and OFF, drawn log-uniformly
 
 Rng = np.random.Generator
 Picture = NDArray[np.float32]
@@ -94,9 +94,10 @@ def _plain(rng: Rng) -> Picture:
     return np.full((TEXTURE_PX, TEXTURE_PX), rng.beta(0.5, 0.5), np.float32)
 
 
-def _texture(rng: Rng) -> Picture:
-    """Reflectance, 0.02 to 1."""
-    made = (_noise, _shapes, _text, _checks, _plain)[rng.choice(5, p=(0.25, 0.3, 0.2, 0.1, 0.15))](rng)
+def _texture(rng: Rng, plain: float) -> Picture:
+    """Reflectance, 0.02 to 1. plain: how many are uniform."""
+    kinds = (0.3, 0.35, 0.25, 0.1)
+    made = _plain(rng) if rng.random() < plain else (_noise, _shapes, _text, _checks)[rng.choice(4, p=kinds)](rng)
     if rng.random() < 0.3:
         made = made * (0.5 + 0.5 * _noise(rng))
     dark, bright = np.sort(rng.uniform(0.02, 1, 2)) if rng.random() < 0.5 else (0.03, rng.uniform(0.5, 1))
@@ -148,7 +149,7 @@ def _layers(rng: Rng, times_s: NDArray[np.float64], fastest_px_s: float) -> Iter
         apart = rng.uniform(-45, 45, 2) if i else (0, 0)
         nearer = rng.uniform(0.9, 1.2) if i else 1
         x, y, turn, grow = [nearer * a for a in shared] if shared else motion(rng.uniform(0.2, 1) if i else 1)
-        yield Layer(_texture(rng), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
+        yield Layer(_texture(rng, 0.35 if i else 0.1), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
 
 
 def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Picture]:
