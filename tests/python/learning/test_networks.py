@@ -346,7 +346,7 @@ def test_the_network_that_ships():
     """Small, with its record, and better than the filter on drawn sequences that it never saw."""
     assert WEIGHTS.stat().st_size < 400_000
     errors = []
-    for number in (9, 10, 11):  # with many events
+    for number in (4, 5, 6):  # with many events
         made = sequence(number, 999, ProceduralConfig(duration_us=1_000_000))
         methods = Network(WEIGHTS, 128, 128), Filter(128, 128, 1.0)
         assert methods[0].record["config"]["seed"] != 999
@@ -357,7 +357,7 @@ def test_the_network_that_ships():
             if k >= 80:
                 errors.append([((picture - made.pictures[k] / 255) ** 2).mean() for picture in shown])
     ours, theirs = np.mean(errors, 0)
-    assert ours < 0.8 * theirs, (ours, theirs)
+    assert ours < 0.6 * theirs, (ours, theirs)
 
 
 def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
