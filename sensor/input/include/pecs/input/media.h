@@ -14,8 +14,8 @@ namespace pecs::input {
 
 struct VideoFrames {
   std::function<bool(cv::Mat&)> read;  // the next frame; false at the end. Empty: nothing that OpenCV can read.
-  double fps = 0;                   // nominal; 0: unknown
-  double pixel_aspect = 1;          // width of a pixel over its height
+  double fps = 0;                      // nominal; 0: unknown
+  double pixel_aspect = 1;             // width of a pixel over its height
 };
 
 struct Media {
