@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets up and runs all tests: the linters, ctest (C++ tests, and mutants of every input format: tests/fuzz) and pytest
-# (Python, renders with Cycles; three processes, as some wait). scripts/check.sh has the longer checks, such as sanitizers.
+# (Python, renders with Cycles; four processes, as some wait). scripts/check.sh has the longer checks, such as sanitizers.
 source "$(dirname "$0")/lib.sh"
 scripts/setup.sh --tests
 say "clang-format, ruff"
@@ -9,6 +9,6 @@ git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run --Werror
 say "ctest"
 ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
-"$PY" -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
+"$PY" -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder
 .venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py
 say "all tests passed"

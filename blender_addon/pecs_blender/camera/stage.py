@@ -104,6 +104,6 @@ class Stage:
             "lamps": [[nm, float(f"{power:.6g}")] for nm, power in self.spectral.emitters.mean_pairs() or []],
             "radiance_per_relative_power": self.radiance_per_unit if plan.light else None,
             "approximated": self._approximated,
-            **({"eevee": raster.SETTINGS} if self._engine == "eevee" else {"cycles": cycles.SETTINGS | source.bounces}),
+            **({"eevee": raster.SETTINGS} if self._engine == "eevee" else {"cycles": plan.sampling.settings}),
             "device": ", ".join(self.devices),
         }

@@ -25,7 +25,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "filter_width": 1.0,
     "sample_clamp_direct": 0.0,
     "sample_clamp_indirect": 0.0,
-    "min_light_bounces": 0,  # Russian roulette from the first bounce: less noise for the time
+    "min_light_bounces": 2,  # the passes of all bands have the same paths; see Sampling.settings
     "caustics_reflective": True,
     "caustics_refractive": True,
     "blur_glossy": 0.0,
@@ -62,6 +62,11 @@ class Sampling:
     light_tree: bool = False
     noise_events: float | None = None  # highest share of events that come from noise; replaces samples
     engine: str = "cycles"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of Cycles. Russian roulette begins at the first bounce of light that is denoised: less noise for the time."""
+        return SETTINGS | self.bounces | ({"min_light_bounces": 0} if self.denoise else {})
 
 
 def empty_scene() -> bpy.types.Scene:
@@ -102,7 +107,7 @@ def device_names(device: str) -> list[str]:
 
 def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Sampling) -> None:
     scene.render.engine = "CYCLES"
-    for key, value in (SETTINGS | sampling.bounces).items():
+    for key, value in sampling.settings.items():
         setattr(scene.cycles, key, value)
     scene.cycles.device = "CPU" if sampling.device == "CPU" else "GPU"
     scene.cycles.samples = sampling.samples
