@@ -99,7 +99,7 @@ def test_the_light_is_absolute(disk):
     v = sys_path_spectra.load("photopic")
     grid = np.arange(380, 781.0)
     centre = values[0][:, 88:93, 237:242]
-    white = [np.median(band[band > band.max() / 2]) for band in centre]  # the brightest pixel has the most noise
+    white = centre.reshape(3, -1).max(axis=1)
     for k in range(3):  # radiance in band k = r/pi * E_v * lamp(k) / (683 integral V lamp)
         nm = np.arange(edges_nm[k] + 0.5, edges_nm[k + 1])
         response = chip.amperes_per_unit([{"lambda_nm": x, "weight_nm": 1.0} for x in nm])
