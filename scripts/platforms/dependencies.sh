@@ -13,26 +13,18 @@ PREFIX="$PECS_DEPENDENCIES/$TARGET" SOURCES="$PECS_DEPENDENCIES/sources"
 POOL=${PECS_POOL:-https://deb.debian.org/debian/pool/main}
 mkdir -p "$PREFIX/ready" "$PREFIX/build" "$PREFIX/licences" "$SOURCES"
 
-# fetched FILE SHA256 FOLDER: into $SOURCES.
-fetched() {
-  local file="$SOURCES/$1" got
-  [ -f "$file" ] || curl -sSfL --retry 3 -o "$file" "$POOL/$3/$1" || die "dependencies.sh: $POOL/$3/$1: no download" 3
-  got=$( (sha256sum "$file" 2>/dev/null || shasum -a 256 "$file") | cut -d' ' -f1)
-  [ "$got" = "$2" ] || { rm "$file"; die "dependencies.sh: $POOL/$3/$1: got sha256 $got, wanted $2" 3; }
-}
-
 # source_of NAME: unpacks the source with Debian's patches in $SOURCE.
 source_of() {
   local name version pack source patches folder file
   read -r name version pack source patches < <(grep "^$1 " "$HERE/versions.txt")
   case $name in lib*) folder=${name:0:4} ;; *) folder=${name:0:1} ;; esac
   file="${name}_${version%-*}.orig.tar.$pack"
-  fetched "$file" "$source" "$folder/$name"
+  fetched "$POOL/$folder/$name/$file" "$source" "$SOURCES"
   rm -rf "$SOURCE" && mkdir -p "$SOURCE"
   tar -xf "$SOURCES/$file" -C "$SOURCE" --strip-components 1
   [ "$patches" != - ] || { mkdir "$SOURCE/debian" && cp "$SOURCE/COPYING" "$SOURCE/debian/copyright" && return; }
   file="${name}_$version.debian.tar.xz"
-  fetched "$file" "$patches" "$folder/$name"
+  fetched "$POOL/$folder/$name/$file" "$patches" "$SOURCES"
   tar -xf "$SOURCES/$file" -C "$SOURCE"
   [ ! -f "$SOURCE/debian/patches/series" ] || sed 's/#.*//' "$SOURCE/debian/patches/series" | while read -r file; do
     [ -z "$file" ] || patch -d "$SOURCE" -p1 -s -N <"$SOURCE/debian/patches/$file"

@@ -15,13 +15,15 @@ import numpy as np
 from pecs._errors import ExitCode, PecsError
 from pecs._platform import library_file, loaded_library
 
+from .tiles import grown
+
 _LIBRARY = library_file("OpenImageDenoise", "2")
 _CPU, _FLOAT3 = 1, 3  # OIDN_DEVICE_TYPE_CPU, OIDN_FORMAT_FLOAT3
 _FAST, _HIGH = 4, 6  # OIDN_QUALITY
 _MEMORY_MB = 3000  # decides the tiles and so the last bits of the result: the same on every machine
 GUIDES = ("Denoising Albedo", "Denoising Normal")  # passes of Cycles
 CHANNELS = 3  # of each guide
-# The filter draws traces of light where there is none: beside objects before a black sky, and on surfaces in the dark,
+# The filter draws traces of light where there is none: around objects before a black sky, and on surfaces in the dark,
 # up to so much there (middle grey is 0.18).
 DARK = 1e-3
 
@@ -98,7 +100,7 @@ class Denoiser:
             exposure = _exposure(bands)
             self._filter(exposure, _FAST if fast else _HIGH, color=color, albedo=albedo, normal=normal, output=clean)
             if not lit.all():
-                nothing = ~guides.any(axis=0) | (~_grown(lit) & (clean.max(axis=2) * exposure < DARK))
+                nothing = ~guides.any(axis=0) | (~grown(lit) & (clean.max(axis=2) * exposure < DARK))
                 clean[~lit & nothing] = 0
             out[first : first + CHANNELS] = clean.transpose(2, 0, 1)[: len(bands)]
         return out
@@ -123,13 +125,6 @@ class Denoiser:
 
 def _interleaved(planes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(planes.transpose(1, 2, 0), np.float32)
-
-
-def _grown(where: np.ndarray) -> np.ndarray:
-    """[height, width], True also at the eight neighbours."""
-    wide = np.pad(where, 1)
-    rows = wide[:-2] | wide[1:-1] | wide[2:]
-    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 def _exposure(light: np.ndarray) -> float:

@@ -118,7 +118,7 @@ def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> 
 
 
 def grown(tiles: np.ndarray) -> np.ndarray:
-    """Tiles and their neighbours."""
+    """Tiles, or pixels, and their eight neighbours."""
     more = np.pad(tiles, 1)
     more = more[:-2] | more[1:-1] | more[2:]
     return more[:, :-2] | more[:, 1:-1] | more[:, 2:]

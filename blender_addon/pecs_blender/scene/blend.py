@@ -17,7 +17,7 @@ from .outside_files import missing_files, unreadable_pictures
 from .source import Source
 
 MOST_NAMES = 5  # in a note
-ORIGINAL = "pecs_original.txt"  # beside a temporary copy, with the original's folder
+ORIGINAL = "pecs_original.txt"  # in a temporary copy's folder: the original's folder
 
 
 class BlendScene(Source):

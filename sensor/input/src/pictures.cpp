@@ -60,8 +60,7 @@ class Pictures : public sensor::FrameSource {
     if (block_edges_ > kBlocky)
       out.warnings.push_back(
           fmt::format("{}: differences at the edges of blocks of 8 pixels are {:.2f} times those anywhere within: "
-                      "compression, which "
-                      "causes events where blocks change; use a higher quality",
+                      "compression, which causes events where blocks change; use a higher quality",
                       name(), block_edges_));
     return out;
   }
@@ -115,7 +114,7 @@ class Pictures : public sensor::FrameSource {
   }
 
   void look_at(const cv::Mat& first) {
-    cv::Mat grey, rows, columns;
+    cv::Mat grey;
     cv::transform(first, grey, cv::Mat(1, first.channels(), CV_32F, cv::Scalar(1.0 / first.channels())));
     dark_share_ = cv::countNonZero(grey <= kDark) / static_cast<double>(grey.total());
     // Mean differences from column to column, and from row to row, by their place in blocks. Sharp edges of the scene

@@ -18,7 +18,7 @@ def level(t_us):
 
 
 def light_at(t_us):
-    """[T, H, W]: still, but for two steps by a factor of 8."""
+    """[T, H, W]: still, with two steps by a factor of 8."""
     return (level(t_us)[:, None, None] * np.linspace(0.7, 1.5, W)).repeat(H, 1).astype(np.float32)
 
 

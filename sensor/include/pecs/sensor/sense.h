@@ -57,7 +57,7 @@ struct SenseOptions {
 // All that a run writes, for check_outputs().
 std::vector<std::filesystem::path> outputs_of(const SenseOptions& options);
 
-// The chip of a run, with overrides, biases and noise as the options say. frames_option asks for its frames.
+// The chip of a run, with its overrides, biases and noise. frames_option: the name of the option for its frames.
 Chip chip_of(const SenseOptions& options, bool takes_frames, const std::string& frames_option);
 
 struct SenseReport {
