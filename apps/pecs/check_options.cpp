@@ -2,7 +2,9 @@
 
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
+#include <optional>
 
 #include "commands.h"
 #include "pecs/files.h"
@@ -10,11 +12,17 @@
 namespace pecs::app {
 namespace {
 
+// The number that all of `text` is.
+std::optional<double> number(const std::string& text) {
+  char* end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  return text.empty() || *end ? std::nullopt : std::optional(value);
+}
+
 // CLI11 accepts nan for any number, converts -1 to an unsigned one, and clamps integers that are too large.
 std::string finite(const std::string& text) {
-  double value = 0;
-  const bool is_odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
-  return is_odd ? fmt::format("got {}, wanted a finite number", text) : "";
+  const std::optional value = number(text);
+  return value && !std::isfinite(*value) ? fmt::format("got {}, wanted a finite number", text) : "";
 }
 
 std::string not_negative(const std::string& text) {
@@ -47,9 +55,8 @@ void check_files(const CLI::App& app) {
 CLI::Validator positive() {
   return CLI::Validator(
       [](const std::string& text) {
-        double value = 0;
-        const bool is_good = CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value);
-        return is_good ? "" : fmt::format("got {}, wanted a number above 0", text);
+        const double value = number(text).value_or(0);
+        return value > 0 && std::isfinite(value) ? "" : fmt::format("got {}, wanted a number above 0", text);
       },
       "POSITIVE");
 }
