@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <numeric>
-#include <string_view>
+#include <regex>
 #include <utility>
 
 #include "pecs/error.h"
@@ -53,6 +53,27 @@ std::string unknown_word(const CLI::App& app) {
   return fmt::format("{}: {}", word, is_value ? "each KEY=VALUE needs a --set" : "an argument too many");
 }
 
+// CLI11's texts in the form of all others.
+std::string got_and_wanted(const CLI::App& command, const std::string& text) {
+  static const std::regex kConversion("Could not convert: (\\S+) = (.*)"), kTwice("(\\S+): At Most 1 required .*"),
+      kRange("(\\S+): Value (.*) not in range (.*?)(\\.0+)? to (.*?)(\\.0+)?"),
+      kChoice("(\\S+): (.*) not in \\{(.*)\\}");
+  std::smatch m;
+  const auto number = [&](const std::string& name) {
+    const CLI::Option* option = command.get_option_no_throw(name);
+    return option && option->get_type_name().starts_with("FLOAT") ? "a number" : "a whole number";
+  };
+  if (std::regex_match(text, m, kConversion))
+    return fmt::format("{}: got {}, wanted {}", m.str(1), m.str(2), number(m.str(1)));
+  if (std::regex_match(text, m, kRange))
+    return fmt::format("{}: got {}, wanted {} from {} to {}", m.str(1), m.str(2), number(m.str(1)), m.str(3), m.str(5));
+  if (std::regex_match(text, m, kChoice))
+    return fmt::format("{}: got {}, wanted {}", m.str(1), m.str(2),
+                       std::regex_replace(m.str(3), std::regex(","), " or "));
+  if (std::regex_match(text, m, kTwice)) return m.str(1) + ": is set twice; set it once";
+  return text;
+}
+
 // "lens info: "; nothing for the program.
 std::string prefix(const CLI::App& command) {
   const std::string name = full_name(command);
@@ -97,13 +118,7 @@ std::string usage_line(const CLI::App& app, const CLI::ParseError& error) {
   if (text.empty() && dynamic_cast<const CLI::RequiredError*>(&error) && command.get_require_subcommand_min() > 0)
     text = fmt::format("the command is missing; use one of {}", fmt::join(names_of_commands(command), ", "));
   if (text.empty()) text = error.what();
-  // CLI11: a number with a decimal point or an exponent for an integer, "Could not convert: --t-start = 1e3".
-  constexpr std::string_view kConversion = "Could not convert: ";
-  if (const auto equals = text.find(" = "); text.starts_with(kConversion) && equals != std::string::npos)
-    text = fmt::format("{}: got {}, wanted a whole number",
-                       text.substr(kConversion.size(), equals - kConversion.size()), text.substr(equals + 3));
-  if (const auto at = text.find(": At Most 1 required but received"); at != std::string::npos)
-    text = text.substr(0, at) + ": is set twice; set it once";
+  text = got_and_wanted(command, text);
   std::ranges::replace(text, '\n', ' ');
   return prefix(command) + text;
 }

@@ -74,6 +74,7 @@ def test_a_mistyped_option_is_named_with_the_nearest(pecs_program, command, line
 
 VALUES = ["20", "+20", "20us", "+1.5ms", "20ms", "0.02 s", "20µs", "1.1ms", "1e3us", "-3ms"]
 WRONG = ["20min", "+-20ms", "20mm", "ms", "", "1e", "0x10us", "nanms", "20 m s"]
+FRACTIONS = ["1e3", "0.5", "1.5us", "1ns"]
 
 
 def test_the_program_and_python_read_units_alike(pecs_program, tmp_path):
@@ -94,11 +95,21 @@ def test_a_wrong_unit_is_one_line(pecs_program, text):
         Quantity("us")(text)
 
 
-@pytest.mark.parametrize("text", ["1e3", "0.5", "1.5us", "1ns"])
-def test_fractions_of_whole_units_are_named(pecs_program, text):
-    result = pecs_program("convert", "x.raw", "y.raw", "--t-start", text)
-    assert result.returncode == 2
-    assert re.fullmatch(r"pecs: convert: --t-start: got [0-9.e]+, wanted a whole number\n", result.stderr)
+@pytest.mark.parametrize(
+    "words, error",
+    [
+        *(("convert x.raw y.raw --t-start " + text, "--t-start: got {}, wanted a whole number") for text in FRACTIONS),
+        ("lens info x.json --fnumber 2.8x", "--fnumber: got 2.8x, wanted a number"),
+        ("sense x --warmup-loops 2.5", "--warmup-loops: got 2.5, wanted a whole number from 0 to 1000000"),
+        ("view x.raw -o y.mp4 --fps 0", "--fps: got 0, wanted a number from 1 to 240"),
+        ("view x.raw -o y.png --theme blue", "--theme: got blue, wanted light or dark"),
+        ("view x.raw -o y.png --fps 1 --fps 2", "--fps: is set twice; set it once"),
+    ],
+)
+def test_a_wrong_value_is_one_line_of_got_and_wanted(pecs_program, words, error):
+    result = pecs_program(*words.split())
+    pattern = r"pecs: (lens )?\w+: " + re.escape(error).replace(r"\{\}", "[0-9.e]+") + "\n"
+    assert result.returncode == 2 and re.fullmatch(pattern, result.stderr), result.stderr
 
 
 @pytest.fixture(scope="module")
