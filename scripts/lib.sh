@@ -71,7 +71,7 @@ core_tests() {
     -DCMAKE_BUILD_TYPE=Release -DPECS_BUILD_BENCH=OFF >/dev/null
   cmake --build "$folder" --target "${tests[@]}" | tail -1
   for test in "${tests[@]}"; do
-    "$@" "$(compgen -G "$folder/bin/$test*")" --gtest_brief=1 || failed+=" $test"
+    "$@" "$ROOT/$(compgen -G "$folder/bin/$test*")" --gtest_brief=1 || failed+=" $test"
   done
   [ -z "$failed" ] || die "$target: tests failed:$failed"
 }

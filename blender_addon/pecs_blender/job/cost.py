@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
+from numpy.typing import NDArray
 from pecs._platform import resident_mb
 from pecs._progress import report
 
@@ -19,39 +21,47 @@ UNIFORM_PICTURES, ADAPTIVE_PICTURES = 4, 2 * SHARED + 8  # held in memory at a t
 
 def print_cost(job: Render, start_s: float) -> None:
     """start_s: what was taken before the first frame, which a render takes once."""
-    stage, keyframes = job.stage, job.keyframes
+    stage, keyframes, start_cpu_s = job.stage, job.keyframes, time.process_time()
     needed_bytes, count = job.needed_bytes(), len(job.instants.times_ns)
     held = ADAPTIVE_PICTURES if keyframes else UNIFORM_PICTURES
     memory_bytes = resident_mb(peak=True) * 1e6 + held * needed_bytes / max(1, len(job.wanted))
     if keyframes:
-        each_s, each_bytes = _keyframe_cost(job)
+        each, each_bytes = _keyframe_cost(job)
         disk_bytes, about = each_bytes * len(job.wanted), "about"
     else:
-        each_s, disk_bytes, about = _light_s(job) if job.plan.light else _layers_s(job), needed_bytes, "up to"
+        each, disk_bytes, about = _light_s(job) if job.plan.light else _layers_s(job), needed_bytes, "up to"
+    each_s, cpu_s = each[0], start_cpu_s + count * each[1]
     if job.plan.light:
         stage.print_choices()
     of = len(job.plan.instants.grid.times_ns)
     frames = f"{count} keyframes of {of} instants" if count < of else f"{count} instants"
     between = " with the frames after it" if keyframes else ""
     text = (
-        f"render: {frames}, {_duration(each_s)} each{between}: {_duration(count * each_s)}; {about} "
-        f"{readable(disk_bytes)} on the disk, about {readable(memory_bytes)} of memory"
+        f"render: {frames}, {_duration(each_s)} each{between}: {_duration(count * each_s)}, and "
+        f"{_duration(cpu_s)} of CPU time with the start; {about} {readable(disk_bytes)} on the disk, about "
+        f"{readable(memory_bytes)} of memory"
     )
-    cost = {"frames": count, "of": of, "start_s": start_s, "each_s": each_s}
+    cost = {"frames": count, "of": of, "start_s": start_s, "each_s": each_s, "cpu_s": cpu_s}
     report(text, plan=cost | {"disk_bytes": disk_bytes, "memory_bytes": memory_bytes})
 
 
-def _keyframe_cost(job: Render) -> tuple[float, int]:
-    """Seconds and bytes of a keyframe and its share of the intervals, measured on two keyframes in the middle."""
+def _now_s() -> NDArray[np.float64]:
+    """Time, and CPU time of all threads."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int]:
+    """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two keyframes in the
+    middle."""
     keyframes = job.keyframes
     with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder), pilot.opened(folder) as frames:
-        start = time.perf_counter()
+        start = _now_s()
         frames.keyframe(0)  # renders both, and averages them
-        render_s = time.perf_counter() - start
+        render_s = _now_s() - start
         frames.keyframe(len(pilot.wanted) - 1)  # averages them, as each keyframe with its neighbours
-        share_s = time.perf_counter() - start - render_s
+        share_s = _now_s() - start - render_s
         frames.write(0)
-        interval_s = time.perf_counter() - start - render_s - share_s
+        interval_s = _now_s() - start - render_s - share_s
         size = {file.name: file.stat().st_size for file in folder.glob("*.exr")}
         intervals = len(keyframes.ends) / len(keyframes.keys)  # per keyframe
         of_interval = sum(n for name, n in size.items() if name.startswith(("motion_", "between_")))
@@ -60,20 +70,20 @@ def _keyframe_cost(job: Render) -> tuple[float, int]:
         return each_s, round(sum(size.values()) + (intervals - 1) * of_interval)
 
 
-def _layers_s(job: Render) -> float:
-    """Time for the first instant, measured after scene and shaders are built."""
+def _layers_s(job: Render) -> NDArray[np.float64]:
+    """Time, as `_now_s`, for the first instant, measured after scene and shaders are built."""
     hits = HitCache(job.stage, [t * 1e-9 for t in job.instants.times_ns])
     layers = due([layer_class(name)(hits) for name in job.plan.layers], job.instants, 0)
     for _ in range(2):
-        start = time.perf_counter()
+        start = _now_s()
         job.stage.set_time(job.instants.times_ns[0] * 1e-9)
         for layer in layers:
             layer.render(*times_s(layer, job.instants, 0))
-    return time.perf_counter() - start
+    return _now_s() - start
 
 
-def _light_s(job: Render) -> float:
-    """Time per instant, extrapolated from a strip of a sixteenth of the picture in the first pass."""
+def _light_s(job: Render) -> NDArray[np.float64]:
+    """Time per instant, as `_now_s`, extrapolated from a strip of a sixteenth of the picture in the first pass."""
     stage, scene = job.stage, job.stage.source.scene
     film, (width, height) = stage.film(scene.cycles.samples), stage.size
     stage.set_time(job.instants.times_ns[0] * 1e-9)
@@ -83,9 +93,9 @@ def _light_s(job: Render) -> float:
     strip = 0, height * 15 // 32, width, max(height * 15 // 32 + 1, height * 17 // 32)
     times_s = []
     for _ in range(2):  # the first builds scene and shaders
-        start = time.perf_counter()
+        start = _now_s()
         list(film.parts([strip], "Combined"))
-        times_s.append(time.perf_counter() - start)
+        times_s.append(_now_s() - start)
     parts = 1 if job.sampling.engine == "eevee" else height / (strip[3] - strip[1])  # it draws the whole picture
     return times_s[1] * parts * len(stage.passes)
 

@@ -187,8 +187,8 @@ def _renders(plan: SequencePlan, camera: CameraPlan) -> Iterator[tuple[str, Path
     yield "light", Path(camera.stack), light
 
 
-def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float]:
-    """Time [s], disk [GB] and memory [GB] of the renders of a sequence, measured on a few frames of each."""
+def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float, float]:
+    """Time [s], disk [GB], CPU time [s] and memory [GB] of a sequence's renders, measured on a few frames of each."""
     every = []
     with tempfile.TemporaryDirectory(prefix="pecs_estimate_") as folder:
         work = Work(plan, Path(folder), lambda *_: None)
@@ -199,7 +199,8 @@ def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float]:
                 job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
                 every.append(blender(*job, folder=work.folder, log="estimate.log"))
     seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every)
-    return seconds, sum(one["disk_bytes"] for one in every) * 1e-9, max(one["memory_bytes"] for one in every) * 1e-9
+    disk, cpu_s = (sum(one[name] for one in every) for name in ("disk_bytes", "cpu_s"))
+    return seconds, disk * 1e-9, cpu_s, max(one["memory_bytes"] for one in every) * 1e-9
 
 
 # Calibration
