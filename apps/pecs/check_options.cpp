@@ -6,15 +6,19 @@
 
 #include "commands.h"
 #include "pecs/files.h"
+#include "pecs/text.h"
 
 namespace pecs::app {
 namespace {
 
+std::optional<double> number_of(const std::string& text) {
+  return number_from<double>(std::string_view(text).substr(text.starts_with('+')));
+}
+
 // CLI11 accepts nan for any number, converts -1 to an unsigned one, and clamps integers that are too large.
 std::string finite(const std::string& text) {
-  double value = 0;
-  const bool is_odd = CLI::detail::lexical_cast(text, value) && !std::isfinite(value);
-  return is_odd ? fmt::format("got {}, wanted a finite number", text) : "";
+  const auto value = number_of(text);
+  return value && !std::isfinite(*value) ? fmt::format("got {}, wanted a finite number", text) : "";
 }
 
 std::string not_negative(const std::string& text) {
@@ -47,8 +51,8 @@ void check_files(const CLI::App& app) {
 CLI::Validator positive() {
   return CLI::Validator(
       [](const std::string& text) {
-        double value = 0;
-        const bool is_good = CLI::detail::lexical_cast(text, value) && value > 0 && std::isfinite(value);
+        const auto value = number_of(text);
+        const bool is_good = value && *value > 0 && std::isfinite(*value);
         return is_good ? "" : fmt::format("got {}, wanted a number above 0", text);
       },
       "POSITIVE");

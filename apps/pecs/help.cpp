@@ -41,7 +41,10 @@ std::string row(const std::string& name, const std::string& text) {
 
 // CLI11's text for an option's type: the type, then the descriptions of its validators ("FLOAT:TIME[us]:POSITIVE").
 std::vector<std::string> type_parts(const CLI::Option& option) {
-  return CLI::detail::split(option.get_type_name(), ':');
+  std::vector<std::string> parts;
+  std::istringstream text(option.get_type_name());
+  for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
+  return parts;
 }
 
 // "TIME[us]" for an option with quantity("us"), otherwise nothing.
@@ -77,8 +80,8 @@ std::string description_of(const CLI::Option& option) {
   std::vector<std::string> more;
   for (const std::string& part : type_parts(option))
     if (const auto at = part.find(" in ["); at != part.npos) {  // CLI::Range: "INT in [1 - 100]"
-      const std::string range = part.substr(at + 5, part.size() - at - 6);
-      if (range.size() <= 12) more.push_back(CLI::detail::find_and_replace(range, " - ", " to "));
+      std::string range = part.substr(at + 5, part.size() - at - 6);
+      if (range.size() <= 12) more.push_back(range.replace(range.find(" - "), 3, " to "));
     }
   std::string usual = option.get_default_str();
   if (usual.starts_with('[') && usual.ends_with(']')) usual = usual.substr(1, usual.size() - 2);
