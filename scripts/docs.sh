@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Builds the documentation site into out/site (start with index.html): pages of docs/, of the commands (from
-# --help), of the Python package (from its docstrings), and the C header by Doxygen. Warnings are errors, and every link
-# inside the site must lead somewhere. Can be run again; about a minute once its tools are there.
+# Builds the documentation site into out/site (start with index.html): pages of docs/, of the commands (from --help), and
+# the C header by Doxygen. Warnings are errors, those of links
+# and anchors too (mkdocs.yml, validation). Can be run again; about a minute once its tools are there.
 #   scripts/docs.sh            builds and checks
 #   scripts/docs.sh --serve    shows it at http://127.0.0.1:8000 and follows changes
 source "$(dirname "$0")/lib.sh"
@@ -15,10 +15,9 @@ say "Python packages (.venv-docs)"
 python_packages .venv-docs docs
 [ -x "$PECS" ] && [ -x "$PY" ] || scripts/setup.sh
 
-say "Commands (--help), Python (docstrings)"
+say "Commands (--help)"
 mkdir -p out/docs
 "$PY" scripts/docs/commands.py -o out/docs/commands.md
-"$PY" scripts/docs/python_api.py -o out/docs/python_api.md
 say "C header (Doxygen)"
 rm -rf out/docs/c
 (cat scripts/cmake/Doxyfile; echo "PROJECT_NUMBER = $(cat VERSION)") | doxygen - >out/docs/doxygen.log || { cat out/docs/doxygen.log; die "docs.sh: doxygen failed"; }
@@ -29,7 +28,5 @@ if [ "${1:-}" = --serve ]; then
 fi
 say "Site (out/site)"
 "$DOCS_PY" -m mkdocs build --quiet --strict
-say "Links"
-"$DOCS_PY" scripts/docs/links.py out/site
 say "done"
 echo "look at: $ROOT/out/site/index.html"

@@ -2,26 +2,22 @@
 
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
-#include <optional>
 
 #include "commands.h"
 #include "pecs/files.h"
+#include "pecs/text.h"
 
 namespace pecs::app {
 namespace {
 
-// The number that all of `text` is.
-std::optional<double> number(const std::string& text) {
-  char* end = nullptr;
-  const double value = std::strtod(text.c_str(), &end);
-  return text.empty() || *end ? std::nullopt : std::optional(value);
+std::optional<double> number_of(const std::string& text) {
+  return number_from<double>(std::string_view(text).substr(text.starts_with('+')));
 }
 
 // CLI11 accepts nan for any number, converts -1 to an unsigned one, and clamps integers that are too large.
 std::string finite(const std::string& text) {
-  const std::optional value = number(text);
+  const auto value = number_of(text);
   return value && !std::isfinite(*value) ? fmt::format("got {}, wanted a finite number", text) : "";
 }
 
@@ -55,8 +51,9 @@ void check_files(const CLI::App& app) {
 CLI::Validator positive() {
   return CLI::Validator(
       [](const std::string& text) {
-        const double value = number(text).value_or(0);
-        return value > 0 && std::isfinite(value) ? "" : fmt::format("got {}, wanted a number above 0", text);
+        const auto value = number_of(text);
+        const bool is_good = value && *value > 0 && std::isfinite(*value);
+        return is_good ? "" : fmt::format("got {}, wanted a number above 0", text);
       },
       "POSITIVE");
 }

@@ -41,8 +41,8 @@ std::string row(const std::string& name, const std::string& text) {
 
 // CLI11's text for an option's type: the type, then the descriptions of its validators ("FLOAT:TIME[us]:POSITIVE").
 std::vector<std::string> type_parts(const CLI::Option& option) {
-  std::istringstream text(option.get_type_name());
   std::vector<std::string> parts;
+  std::istringstream text(option.get_type_name());
   for (std::string part; std::getline(text, part, ':');) parts.push_back(part);
   return parts;
 }

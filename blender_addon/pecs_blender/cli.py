@@ -34,8 +34,8 @@ SCENE_HELP = "FILE.blend, or a scene folder; in Blender, the open file"
 
 
 class Parser(_arguments.Parser):
-    def _print_message(self, message: str, file: object = None) -> None:
-        write_out(message)
+    def print_help(self, file: object = None) -> None:
+        write_out(self.format_help())
 
 
 def write_out(text: str) -> None:

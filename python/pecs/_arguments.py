@@ -9,9 +9,11 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from ._errors import ExitCode, PecsError
@@ -21,6 +23,7 @@ _KINDS: dict[str, Any] = json.loads(Path(__file__).with_name("units.json").read_
 _KIND = {unit: kind for kind, entry in _KINDS.items() for unit in entry["exponents"]}
 _FLAGS = {"min_nm": "--min-wavelength", "max_nm": "--max-wavelength", "moving_px": "--moving-px"}
 _VALUE = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?) *(\D*)", re.ASCII)
+WIDTH, COLUMN = 78, 28  # of --help, and where its second column begins
 UNITS = "Values may carry a unit (20ms, 0.5m); a plain number is in the unit in brackets."
 
 
@@ -60,6 +63,7 @@ class Whole:
 
     low: int
     high: int = 1 << 53
+    kind = "N"
 
     def __call__(self, text: str) -> int:
         value = int(text) if re.fullmatch(r"[+-]?[0-9]{1,18}", text) else None
@@ -99,47 +103,37 @@ def latest(command: Sequence[Any]) -> list[str]:
     return kept + line[end:]
 
 
-class _Help(argparse.RawDescriptionHelpFormatter):
-    def __init__(self, prog: str, **more: Any):
-        super().__init__(prog, max_help_position=28, **more)
+def _value(row: argparse.Action) -> str:
+    """The values of an argument or an option as --help names them; of a flag none."""
+    if row.nargs in (0, argparse.REMAINDER):
+        return "..." if row.nargs else ""
+    kind = getattr(row.type, "kind", {int: "N", float: "NUMBER"}.get(row.type, row.dest.upper()))  # type: ignore
+    name = row.metavar or (f"{{{','.join(map(str, row.choices))}}}" if row.choices else kind)
+    name = (name if isinstance(name, str) else " ".join(name)) + _unit(row)
+    return {"?": f"[{name}]", "+": f"{name} [{name} ...]"}.get(str(row.nargs), name)
 
-    def _format_usage(self, usage: object, actions: Sequence[argparse.Action], groups: object, prefix: object) -> str:
-        """Arguments without the options, which are listed below."""
-        arguments = [action for action in actions if not action.option_strings]
-        words = [self._format_args(action, action.dest.upper()) for action in arguments]
-        return f"usage: {' '.join([self._prog, '[options]', *words])}\n\n"
 
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        """Wraps all paragraphs but the examples."""
-        parts = text.split("\n\n")
-        return "\n\n".join(part if part.startswith("examples:") else textwrap.fill(part, width) for part in parts)
+def _unit(row: argparse.Action) -> str:
+    return f"[{row.type.unit}]" if isinstance(row.type, Quantity) else ""
 
-    def _get_default_metavar_for_positional(self, action: argparse.Action) -> str:
-        return action.dest.upper()
 
-    def _get_default_metavar_for_optional(self, action: argparse.Action) -> str:
-        if isinstance(action.type, Quantity):
-            return f"{action.type.kind}[{action.type.unit}]"
-        if isinstance(action.type, Whole):
-            return "N"
-        return {int: "N", float: "NUMBER"}.get(action.type, action.dest.upper())  # type: ignore[arg-type]
+def _about(row: argparse.Action) -> str:
+    """What it is, whether it is required, and its default."""
+    unit = _unit(row)[1:-1]
+    usual, more = row.default, ["required"] if row.required and row.option_strings else []
+    if usual not in (None, False, "", argparse.SUPPRESS) and usual != [] and usual != ():
+        parts = usual if isinstance(usual, (list, tuple)) else [usual]
+        more.append("default: " + " ".join(f"{f'{p:g}' if isinstance(p, float) else p}{unit}" for p in parts))
+    said = row.help or ""
+    return f"{said} ({'; '.join(more)})".lstrip() if more and "(default" not in said else said
 
-    def _format_action_invocation(self, action: argparse.Action) -> str:
-        """All names, then the value once."""
-        if not action.option_strings:
-            return super()._format_action_invocation(action)
-        value = self._format_args(action, self._get_default_metavar_for_optional(action)) if action.nargs != 0 else ""
-        unit = f"[{action.type.unit}]" if isinstance(action.type, Quantity) and action.metavar else ""
-        return " ".join(filter(None, (", ".join(action.option_strings), value, unit)))
 
-    def _get_help_string(self, action: argparse.Action) -> str:
-        unit = action.type.unit if isinstance(action.type, Quantity) else ""
-        usual, more = action.default, ["required"] if action.required and action.option_strings else []
-        if usual not in (None, False, "", argparse.SUPPRESS) and usual != [] and usual != ():
-            parts = usual if isinstance(usual, (list, tuple)) else [usual]
-            more.append("default: " + " ".join(f"{f'{p:g}' if isinstance(p, float) else p}{unit}" for p in parts))
-        said = (action.help or "").replace("%", "%%")
-        return f"{said} ({'; '.join(more)})".lstrip() if more and "(default" not in said else said
+def _line(name: str, about: str) -> str:
+    """A row of --help; the second column begins at COLUMN."""
+    first, lines = f"  {name}", textwrap.wrap(about, WIDTH - COLUMN)
+    if lines and len(first) + 2 <= COLUMN:
+        first = f"{first:{COLUMN}}{lines.pop(0)}"
+    return "\n".join([first, *(" " * COLUMN + line for line in lines)])
 
 
 class Parser(argparse.ArgumentParser):
@@ -147,36 +141,40 @@ class Parser(argparse.ArgumentParser):
     that names the nearest one. Errors are raised as PecsError "COMMAND: …"."""
 
     def __init__(self, *, examples: Sequence[str] = (), **more: Any):
-        more.setdefault("formatter_class", _Help)
-        if examples:
-            more["epilog"] = "\n  ".join(["examples:", *examples])
-        super().__init__(allow_abbrev=False, **more)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # -0.5mm is a value
-        self._positionals.title, self._optionals.title = "arguments", "options"
-        self._talks = False
-        self._given: set[argparse.Action] = set()
+        self.rows: list[argparse.Action] = []  # arguments and options
+        self.lists: list[argparse.Action] = []  # options that may come again
+        self.commands: dict[str, str] = {}  # what each does
         self.hint = ""  # at an unknown option
-        self._rest = ""  # the option that took all words behind it
+        self._rest = ""  # the option that takes all words behind it
+        self._examples, self._talks = examples, False
+        super().__init__(allow_abbrev=False, exit_on_error=False, **more)
 
-    def error(self, message: str) -> NoReturn:
-        if found := re.match(r"argument ([-\w/]+): ", message):  # argparse's; the long name of an option suffices
-            names = found[1].split("/")
-            message = f"{next((n for n in names if n.startswith('--')), names[0])}: {message[found.end() :]}"
-        if found := re.match(r"unrecognized arguments: (\S+)", message):
-            message = f"{found[1]}: {'each KEY=VALUE needs a --set' if '=' in found[1] else 'an argument too many'}"
-        if message.startswith("the following arguments are required") and self._rest:
-            message += f" before {self._rest}"
-        command = self.prog.partition(" ")[2]
-        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
+    def add_argument(self, *names: str, **more: Any) -> argparse.Action:
+        return self._record(super().add_argument, *names, **more)
 
-    def add_commands(self, **more: Any) -> argparse._SubParsersAction:
-        return self.add_subparsers(
-            title="commands", metavar="COMMAND", dest="command", required=True, prog=self.prog, **more
-        )
+    def add_mutually_exclusive_group(self, **more: Any) -> Any:
+        group = super().add_mutually_exclusive_group(**more)
+        group.add_argument = partial(self._record, group.add_argument)  # type: ignore[method-assign]
+        return group
+
+    def _record(self, add: Callable[..., argparse.Action], *names: str, **more: Any) -> argparse.Action:
+        self.rows.append(add(*names, **more))
+        self.lists += self.rows[-1:] * (more.get("action", "store") != "store")
+        return self.rows[-1]
+
+    def add_commands(self) -> SimpleNamespace:
+        """`add_parser` of the result adds one."""
+        commands = self.add_subparsers(metavar="COMMAND", dest="command", required=True, prog=self.prog)
+
+        def add_parser(name: str, *, help: str, **more: Any) -> Any:
+            self.commands[name] = help
+            return commands.add_parser(name, **more)
+
+        return SimpleNamespace(add_parser=add_parser)
 
     def _add_talk(self) -> None:
         """Adds --quiet and --verbose after a command's own options; a parser of commands has none."""
-        if not self._talks and not any(isinstance(a, argparse._SubParsersAction) for a in self._actions):
+        if not self._talks and not self.commands:
             self._talks = True
             talk = self.add_mutually_exclusive_group()
             talk.add_argument("--quiet", action="store_true", help="nothing but errors and results")
@@ -184,41 +182,69 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         self._add_talk()
-        had = self.epilog
-        if any(isinstance(action.type, Quantity) for action in self._actions):
-            self.epilog = f"{UNITS}\n\n{had}" if had else UNITS
-        text = super().format_help()
-        self.epilog = had
-        return text
+        arguments = [row for row in self.rows if not row.option_strings]
+        names = {row: " ".join([", ".join(row.option_strings), _value(row)]) for row in self.rows if row.option_strings}
+        groups = {
+            "arguments": [(row.dest.upper(), _about(row)) for row in arguments],
+            "options": [(name.rstrip(), _about(row)) for row, name in names.items()],
+            "commands": list(self.commands.items()),
+        }
+        words = ["usage:", self.prog, "[options]", *map(_value, arguments), *["COMMAND ..."] * bool(self.commands)]
+        parts = [" ".join(words), *(textwrap.fill(part, WIDTH) for part in (self.description or "").split("\n\n"))]
+        parts += ["\n".join([f"{title}:", *(_line(*row) for row in rows)]) for title, rows in groups.items() if rows]
+        if any(map(_unit, self.rows)):
+            parts.append(textwrap.fill(UNITS, WIDTH))
+        parts += ["\n  ".join(["examples:", *self._examples])] * bool(self._examples)
+        return "\n\n".join(filter(None, parts)) + "\n"
+
+    def error(self, message: str) -> NoReturn:
+        if message.startswith("the following arguments are required") and self._rest:
+            message += f" before {self._rest}"
+        command = self.prog.partition(" ")[2]
+        raise PecsError(f"{command}: {message}" if command else message, ExitCode.USAGE)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Reports unknown options before missing arguments."""
         self._add_talk()
-        self._given.clear()
-        known = {name: action for action in self._actions for name in action.option_strings}
-        commands = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
-        for word in args or ():
-            name = word.partition("=")[0]
-            if word == "--" or (commands and not word.startswith("-")):
-                break
-            if name in known and known[name].nargs == argparse.REMAINDER:
+        try:
+            found, rest = super().parse_known_args(self._checked(list(args or ())), namespace)
+        except argparse.ArgumentError as e:
+            names = (e.argument_name or "").split("/")  # the long name of an option suffices
+            name = next((n for n in names if n.startswith("--")), names[0])
+            self.error(f"{name}: {e.message}" if name else e.message)
+        if rest:
+            self.error(f"{rest[0]}: {'each KEY=VALUE needs a --set' if '=' in rest[0] else 'an argument too many'}")
+        return found, rest
+
+    def _checked(self, words: list[str]) -> list[str]:
+        """The words as argparse takes them: a value that begins with a minus, such as -0.5mm, is behind "=", those of a
+        pair are behind a space. Refuses unknown commands and options, and a second value of an option."""
+        known = {name: row for row in self.rows for name in row.option_strings}
+        out: list[str] = []
+        given: list[argparse.Action] = []
+        missing = 0  # values of the option before
+        for i, word in enumerate(words):
+            name = word.partition("=")[0] if word[:2] == "--" else word[:2]
+            row = known.get(name)
+            if self.commands and word[:1] != "-" and word not in self.commands:
+                self.error(f"{word}: no such command; nearest: {nearest(word, list(self.commands))}")
+            if row and row.nargs == argparse.REMAINDER:
                 self._rest = name
-                break
-            if name.startswith("--") and name not in known:
+            if word == "--" or word in self.commands or (row and self._rest == name):
+                return out + words[i:]
+            if name[:2] == "--" and not row:
                 near = nearest(name, [n for n in known if n[:2] == "--"])
                 self.error(f"{name}: no such option; nearest: {near}{self.hint}")
-        if commands and (words := [w for w in args or () if not w.startswith("-")][:1]):
-            if words[0] not in commands[0].choices:
-                self.error(f"{words[0]}: no such command; nearest: {nearest(words[0], list(commands[0].choices))}")
-        return super().parse_known_args(args, namespace)
-
-    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        """Refuses a second value of an option that is no list; a flag may come twice, as in the program."""
-        if action.option_strings and action.nargs != 0 and not isinstance(action, argparse._AppendAction):
-            if action in self._given:
-                self.error(f"{action.option_strings[-1]}: is set twice; set it once")
-            self._given.add(action)
-        return super()._get_values(action, arg_strings)
+            if row and row in given:
+                self.error(f"{row.option_strings[-1]}: is set twice; set it once")
+            if missing and re.match(r"-\.?\d", word):
+                word = f"{out.pop()}={word}" if out[-1] in known and missing == 1 else f" {word}"
+            if row:
+                missing = 0 if word != name else 1 if row.nargs is None else int(row.nargs)
+                given += [row] * (row not in self.lists)
+            missing -= not row
+            out.append(word)
+        return out
 
 
 def account(command: str, args: Mapping[str, Any], took_s: float) -> str:

@@ -87,7 +87,7 @@ def delays(
     """Delays of events behind the edges of a rotating disk, as `delays` of `compare` for one stream.
 
     `events` are sorted by t in [0, duration_us); `disk` is the output of `pecs align detect --json`, its
-    `phase_time_us` in their clock. By polarity also `passes`, [region][bin], pixels times passing edges; `regions`: how
+    `phase_time_us` in their clock. By polarity also `passes`, [region, bin], pixels times passing edges; `regions`: how
     many around (counter-clockwise from the left) and along the radius, and the events of each.
     """
     width, height = width or getattr(events, "width", 0), height or getattr(events, "height", 0)

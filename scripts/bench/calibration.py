@@ -1,8 +1,7 @@
 """pecs align against the truth, as JSON: recordings simulated by our sensor (noise on) of boards and disks seen through
 three lenses; poses, speeds, phases and clocks drawn at random.
 
-    .venv/bin/python scripts/bench/calibration.py [board|disk|intrinsics ...] [--cases N] [--only I] [--real FILE]
-                                          [--keep FOLDER]
+    .venv/bin/python scripts/bench/calibration.py [board|disk|intrinsics ...] [--cases N] [--only I] [--keep FOLDER]
 
 20 boards, 20 disks and 10 cameras make the 50 cases. Pictures of 640 x 360 pixels of 9.72 um: the film of 1280 x 720,
 four times as fast. Boards are aligned from the recording alone, except the clock: it is found with the camera's turn
@@ -243,55 +242,6 @@ def intrinsics(index: int, keep: Path) -> dict:
     }
 
 
-def aligned_twice(recording: str) -> dict:
-    """The real disk: aligned, simulated in its own dim light with the slow pixels of that light, aligned again with the
-    simulation, simulated again; then the same search in both recordings."""
-    lens, crop = LENSES[0], (640, 720)  # the right half of the picture is simulated
-    camera = Camera(lens[0], lens[1], *crop, shift_px=(-320, 0), **stop_of(lens))
-    white_a, warm_up_s, span_s = 1.9e-15, 0.9, 0.0545
-
-    def simulated(aligned, path):
-        p = aligned["parameters"]
-        disk = Disk(
-            (p["disk_right_mm"], -p["disk_up_mm"], p["disk_distance_mm"]), 153.0, 4, 6 * p["rpm"], p["phase_deg"],
-            turn_of(aligned["camera"]["rotation_deg"]),
-        )  # fmt: skip
-        times_s = np.concatenate([np.arange(-warm_up_s, 0, 1.5e-3), np.arange(0, span_s, 1.2e-4)])
-        (events,) = record(disk.light(camera), times_s, crop, [1], white_a)
-        events = events[events["t"] < span_s * 1e6]
-        events["x"] += 640
-        pecs.write(path, events, 1280, 720)
-        return len(events)
-
-    scene = ROOT / "scenes/rotating_disk"
-    with tempfile.TemporaryDirectory() as folder:
-        out = {"aligned": [], "differences": []}
-        command = [Path(recording).resolve(), "--scene", scene, "--json"]
-        aligned = align(*command, cwd=folder)
-        for i in range(2):
-            (Path(folder) / f"aligned{i}.json").write_text(json.dumps(aligned))
-            count = simulated(aligned, Path(folder) / f"sim{i}.raw")
-            r, s = (align("detect", path, "--json", cwd=folder) for path in (command[0], f"sim{i}.raw"))
-            axis = [(d["rim"]["axis_a_px"] + d["rim"]["axis_b_px"]) / 4 for d in (r, s)]
-            slope = s["speed_deg_s"]["value"] - r["speed_deg_s"]["value"]
-            later_s = (s["phase_time_us"] - r["phase_time_us"]) * 1e-6
-            gap = s["on_edge_deg"]["value"] - s["speed_deg_s"]["value"] * later_s - r["on_edge_deg"]["value"]
-            ends = [gap + slope * t for t in (-span_s / 2, span_s / 2)]
-            out["aligned"].append(aligned)
-            out["differences"].append({
-                "events": count,
-                "centre_px": float(np.hypot(*(s[k]["value"] - r[k]["value"] for k in ("centre_x", "centre_y")))),
-                "rim_centre_px": float(np.hypot(*(s["rim"][k] - r["rim"][k] for k in ("centre_x", "centre_y")))),
-                "radius_px": axis[1] - axis[0],
-                "speed_deg_s": slope,
-                "phase_deg_first_last": [float((g + 90) % 180 - 90) for g in ends],
-            })  # fmt: skip
-            print(json.dumps(out["differences"][-1]), file=sys.stderr, flush=True)
-            if i == 0:
-                aligned = align(*command, "--sim", "sim0.raw", "--sim-of", "aligned0.json", cwd=folder)
-    return out
-
-
 LIMITS = {
     "corners_rms_px": 0.25,
     "focal_error_percent": 0.3,
@@ -332,12 +282,9 @@ KINDS = {"board": (board, 20), "disk": (disk, 20), "intrinsics": (intrinsics, 10
 
 
 def main(
-    kinds: list[str] = tuple(KINDS), *, cases: int | None = None, only: int | None = None, keep: Path | None = None,
-    real: str = "",
-) -> dict:  # fmt: skip
+    kinds: list[str] = tuple(KINDS), *, cases: int | None = None, only: int | None = None, keep: Path | None = None
+) -> dict:
     report = {"limits": LIMITS, "white_photocurrent_a": WHITE_A}
-    if real:
-        return report | {"real": aligned_twice(real)}
     with tempfile.TemporaryDirectory() as scratch:
         folder = (keep or Path(scratch)).resolve()
         folder.mkdir(parents=True, exist_ok=True)

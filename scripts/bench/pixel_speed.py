@@ -1,26 +1,21 @@
-"""The sensor beside other programs on the same frames in memory, by turns: medians of CPU times, and of their ratios.
+"""The sensor beside another program on the same frames in memory, by turns: medians of CPU times, and of their ratios.
 JSON.
 
-    python scripts/bench/pixel_speed.py [--esim CHECKOUT] [--icns CHECKOUT] [--build build/release] [--passes 5]
+    python scripts/bench/pixel_speed.py --esim CHECKOUT [--build build/release] [--passes 5]
 
---esim: ideal pixels (`bench_pixel_speed`) beside a checkout of github.com/uzh-rpg/rpg_vid2e. Ours sorts its events and
-hands them on 64 frames at a time, as to a file; esim does not sort, and keeps them. A run of ours has three passes,
-warm except the first (`cold`). Threads are compared by the wall's clock, so on a quiet machine.
---icns: a pixel with all its noise beside neuromorphicsystems/IEBCS at b478243, before its C++ (cpp/simu.h) was removed,
-with its own; one thread. Programs are compiled here (g++, OpenCV, Eigen, Boost).
+Ideal pixels (`bench_pixel_speed`) beside a checkout of github.com/uzh-rpg/rpg_vid2e, which is compiled here (g++,
+OpenCV, Eigen, Boost). Ours sorts its events and hands them on 64 frames at a time, as to a file; esim does not sort,
+and keeps them. A run of ours has three passes, warm except the first (`cold`). Threads are compared by the wall's
+clock, so on a quiet machine.
 """
 
 import json
 import statistics
 import tempfile
-import time
 from pathlib import Path
 
-import numpy as np
-import pecs
-from pecs_lab import scenes
 from pecs_lab.measure import answer, command
-from pecs_lab.peers import DRIVERS, build_esim
+from pecs_lab.peers import build_esim
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZES = {"disk": (346, 260, 500), "board": (1280, 720, 100)}
@@ -59,49 +54,9 @@ def ideal(bench: Path, checkout: Path, passes: int, folder: Path) -> dict:
     return report | {"static": ours("static", "--passes", passes)}
 
 
-def noisy_s(frames: np.ndarray, t_us: np.ndarray) -> tuple[float, int]:
-    """CPU seconds from frames to sorted events, and how many."""
-    with pecs.Sensor(frames.shape[2], frames.shape[1], "imx636", threads=1, photocurrent_a=2e-14) as sensor:
-        start, count = time.process_time(), 0
-        for i in range(0, len(t_us), 64):
-            count += len(sensor.push(frames[i : i + 64], t_us[i : i + 64], last=i + 64 >= len(t_us)))
-        return time.process_time() - start, count
-
-
-def noisy(checkout: Path, passes: int, folder: Path) -> dict:
-    driver, raw, out = (folder / n for n in ("icns", "frames.f32", "out.f64"))
-    source = DRIVERS / "icns_driver.cpp"
-    answer("g++", "-std=c++17", "-O3", "-march=native", "-o", driver, source, f"-I{checkout}/cpp")
-    report = {}
-    for scene, (width, height, count) in SIZES.items():
-        frames, t_us = scenes.frames(scene, count)
-        (frames * 255).tofile(raw)
-        numbers = [width, height, count, 1000, 0.25, 0.29, 0.04, 100, 30, 100, 300, 0.02]
-        peer, mine = [], []
-        for _ in range(passes):
-            peer.append(float(answer(driver, raw, *numbers, out)))
-            mine.append(noisy_s(frames, t_us))
-        seconds = [s for s, _ in mine]
-        report[scene] = {
-            "icns_s": statistics.median(peer),
-            "icns_events": out.stat().st_size // EVENT_BYTES,
-            "pecs_s": statistics.median(seconds),
-            "events": mine[0][1],
-            "times_icns": ratio(peer, seconds),
-        }
-    return report
-
-
-def main(
-    *, esim: Path | None = None, icns: Path | None = None, build: Path = ROOT / "build/release", passes: int = 5
-) -> dict:
-    report = {}
+def main(*, esim: Path, build: Path = ROOT / "build/release", passes: int = 5) -> dict:
     with tempfile.TemporaryDirectory() as folder:
-        if esim:
-            report["ideal"] = ideal(build / "bin/bench_pixel_speed", esim, passes, Path(folder))
-        if icns:
-            report["noisy"] = noisy(icns, passes, Path(folder))
-    return report
+        return ideal(build / "bin/bench_pixel_speed", esim, passes, Path(folder))
 
 
 if __name__ == "__main__":

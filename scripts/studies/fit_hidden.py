@@ -80,13 +80,8 @@ def draw(seed: int) -> tuple[dict[str, float], float]:
 
 def simulate(values: dict, light_a: float, light: np.ndarray, t_us: np.ndarray, seed: int) -> np.ndarray:
     """Events before light [time] or [time, row]."""
-    with pecs.Sensor(SIDE, SIDE, CHIP, overrides=values, photocurrent_a=light_a, seed=seed, time_unit="us") as sensor:
-        found = []
-        for i in range(0, len(t_us), 512):
-            level = light[i : i + 512].reshape(len(light[i : i + 512]), -1, 1)
-            frames = np.ascontiguousarray(np.broadcast_to(level, (len(level), SIDE, SIDE)))
-            found.append(sensor.push(frames, t_us[i : i + 512]))
-        return np.concatenate([*found, sensor.finish()])
+    frames = np.broadcast_to(light.reshape(len(light), -1, 1), (len(light), SIDE, SIDE))
+    return pecs.simulate(frames, t_us, CHIP, overrides=values, photocurrent_a=light_a, seed=seed, time_unit="us")
 
 
 def screen_light(parts: list[tuple[float, float, float]], pwm: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._config import read_json
 from .._files import read_bytes
-from .table import Table, Value, key, optional
+from .table import Table, Value, key, optional, without
 
 MOST_BYTES, MOST_TEXT = 1 << 28, 1 << 32  # bytes of a .gltf; of an .obj
 Rng = Callable[[str], np.random.Generator]
@@ -38,18 +38,6 @@ def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _textures(table: Table, key: str) -> tuple[str, ...]:
-    return _files(table, key, ".png", ".jpg", ".jpeg", ".exr") if table.has(key) else ()
-
-
-def _has_own_size(table: Table) -> bool:
-    return not table.has("size_m")
-
-
-def _has_no_class(table: Table) -> bool:
-    return not table.has("class")
-
-
 def _up(table: Table, key: str) -> str | None:
     if not table.has(key):
         return None
@@ -69,18 +57,18 @@ class Pool:
     recipe."""
 
     files: tuple[str, ...] = key(_files, *MODELS)
-    textures: tuple[str, ...] = key(_textures)
+    textures: tuple[str, ...] | None = optional(_files, ".png", ".jpg", ".jpeg", ".exr")
     count: Value = key(Table.value, 1, 0, 10000)
     low_m: list[float] = key(Table.numbers, count=3)
     high_m: list[float] = key(Table.numbers, count=3)
     size_m: Value | None = optional(Table.value, low=1e-4, high=1e4)
-    unit_m: float = key(Table.number, 1.0, 1e-6, 1e6, only=_has_own_size, absent=1.0)
+    unit_m: float = key(Table.number, 1.0, 1e-6, 1e6, only=without("size_m"), absent=1.0)
     up: str | None = key(_up)
     speed_m_s: Value = key(Table.value, 0.0, 0, 1e4)
     spin_deg_s: Value = key(Table.value, 0.0, -1e6, 1e6)
     turn: str = key(Table.text, "z", ("z", "any"))
     name: str | None = optional(Table.text, name="class")
-    class_by: str = key(Table.text, "file", ("file", "folder"), only=_has_no_class, absent="file")
+    class_by: str = key(Table.text, "file", ("file", "folder"), only=without("class"), absent="file")
 
     def draw(self, place: str, rng: Rng) -> list[dict[str, Any]]:
         """Objects in the format of `--place`, without names and with paths relative to the recipe."""

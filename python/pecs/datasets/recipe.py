@@ -20,7 +20,7 @@ from ..chip import presets
 from . import placing
 from .blender import scene_folders
 from .checks import LIMITS
-from .table import Table, Value, key, optional
+from .table import Table, Value, key, optional, without
 from .writers import WRITERS
 
 SPLITS = ("train", "val", "test")
@@ -88,8 +88,7 @@ def _limits(table: Table, key: str) -> dict[str, float]:
 # The rig
 
 
-def _owns_pixels(table: Table) -> bool:
-    return not table.has("pixels_of")
+_owns_pixels = without("pixels_of")
 
 
 def _is_rgb(table: Table) -> bool:

@@ -27,7 +27,7 @@ def write(sequence: Sequence) -> dict[str, Any]:
     """report.html and checks.json of a sequence; the checks' numbers."""
     checks = check(sequence)
     write_json(sequence.folder / "checks.json", checks)
-    body: list[Node] = [["h1", f"Sequence {sequence.name}"], _facts(sequence)]
+    body: list[Node] = [["h1", f"Sequence {sequence.name}"], _facts(sequence, checks["motion"])]
     body += [["p", ["b", "Outside the limits: "], line] for line in checks["outside_limits"]]
     columns = preview.strip(sequence)
     if columns:
@@ -127,16 +127,14 @@ def _quality(checks: dict[str, Any]) -> list[str]:
     return [word.replace("_", " ") for word in words]
 
 
-def _facts(sequence: Sequence) -> Node:
+def _facts(sequence: Sequence, motion: dict[str, float]) -> Node:
     drawn = sequence.info["drawn"]
     groups = {"": {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}}
     groups |= {"scene": drawn["parameters"], "path": {k: f"{v}" for k, v in drawn["trajectory"].items()}}
     for name, camera in drawn["cameras"].items():
         values = camera | camera["overrides"]
         groups[name] = {k: v for k, v in values.items() if v is not None and k != "overrides"}
-    times, world = sequence.poses()
-    speed = np.linalg.norm(np.diff(world[:, :3, 3], axis=0), axis=1) / np.diff(times) * 1e6
-    groups["rig"] = {"speed_m_s": f"{speed.min():.2f} to {speed.max():.2f}"}
+    groups["rig"] = {"speed_m_s": "{speed_least_m_s:.2f} to {speed_most_m_s:.2f}".format_map(motion)}
     return _numbers(groups)
 
 

@@ -47,6 +47,11 @@ def optional(read: Callable[..., Any], *args: Any, **more: Any) -> Any:
     return key(get, *args, **more)
 
 
+def without(key: str) -> Callable[[Table], bool]:
+    """For `only`: tables that lack another key."""
+    return lambda table: not table.has(key)
+
+
 @dataclass(frozen=True)
 class Value:
     """A number or text that is drawn for each sequence. kind: "fixed", "uniform", "log", "normal" or "choice"."""

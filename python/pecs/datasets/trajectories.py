@@ -434,10 +434,7 @@ def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
 
 
 def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
-    if trajectory.kind == "drone":
-        _check_drone(trajectory, p)
-    if p["max_speed_m_per_s"] is not None:
-        _check_speed(trajectory, p["max_speed_m_per_s"])
+    _check_limits(trajectory, p)
     t = instants(trajectory, p["clearance_m"] / 4)
     at = t[:: max(len(t) // 64, 1)]
     rotation = trajectory.matrices(at)[:, :3, :3]
@@ -461,34 +458,27 @@ def _check(trajectory: Trajectory, p: dict, surfaces: Surfaces | None) -> None:
             raise _Rejected(why, _way(trajectory, at[i]))
 
 
-def _check_drone(trajectory: Trajectory, p: dict) -> None:
-    """Limits of a quadrotor: tilt, rate, and a minimum thrust (near zero its attitude is undefined)."""
-    t = np.linspace(0, trajectory.duration_s, 512)
+def _check_limits(trajectory: Trajectory, p: dict) -> None:
+    """The greatest speed, and limits of a quadrotor: tilt, rate, and a minimum thrust (near zero its attitude is
+    undefined)."""
+    t, rows = np.linspace(0, trajectory.duration_s, 512), []
     state = trajectory.state(t)
-    force = state.acceleration_m_s2 + [0.0, 0.0, paths.GRAVITY_M_S2]
-    tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))
-    rate = np.degrees(np.linalg.norm(state.angular_velocity_rad_s, axis=1))
-    thrust = np.linalg.norm(force, axis=1) / paths.GRAVITY_M_S2
-    for name, value, limit in (
-        ("tilts {:.0f} deg", tilt, p["max_tilt_deg"]),
-        ("has a thrust of {:.2f} g", -thrust, -MIN_THRUST_G),
-        ("turns at {:.0f} deg/s", rate, p["max_rate_deg_s"]),
-    ):
+    if trajectory.kind == "drone":
+        force = state.acceleration_m_s2 + [0.0, 0.0, paths.GRAVITY_M_S2]
+        tilt = np.degrees(np.arctan2(np.hypot(force[:, 0], force[:, 1]), force[:, 2]))
+        thrust = np.linalg.norm(force, axis=1) / paths.GRAVITY_M_S2
+        rate = np.degrees(np.linalg.norm(state.angular_velocity_rad_s, axis=1))
+        rows.append(("tilts {:.0f} deg", tilt, p["max_tilt_deg"]))
+        rows.append(("has a thrust of {:.2f} g", -thrust, -MIN_THRUST_G))
+        rows.append(("turns at {:.0f} deg/s", rate, p["max_rate_deg_s"]))
+    if p["max_speed_m_per_s"] is not None:
+        rows.append(("moves at {:.3g} m/s", np.linalg.norm(state.velocity_m_s, axis=1), p["max_speed_m_per_s"]))
+    for name, value, limit in rows:
         worst = int(np.argmax(value))
         if value[worst] > limit:
             what = f"{name.format(abs(value[worst]))} at {t[worst]:.3g} s"
             wanted = f"wanted {'at least' if limit < 0 else 'at most'} {abs(limit):g}: slower, or longer steps"
             raise _Rejected(f"{what}, {wanted}", _way(trajectory, t[worst]))
-
-
-def _check_speed(trajectory: Trajectory, most_m_s: float) -> None:
-    t = np.linspace(0, trajectory.duration_s, 512)
-    speed = np.linalg.norm(trajectory.state(t).velocity_m_s, axis=1)
-    if speed.max() > most_m_s:
-        at = t[int(np.argmax(speed))]
-        raise _Rejected(
-            f"moves at {speed.max():.3g} m/s at {at:.3g} s, wanted at most {most_m_s:g}", _way(trajectory, at)
-        )
 
 
 def _way(trajectory: Trajectory, t_s: float) -> float:

@@ -44,6 +44,16 @@ def _light(behind_us: np.ndarray, before: float, level: float, length_us: float,
     return before * (level / before) ** done  # type: ignore[no-any-return]
 
 
+def _events(sensor: Sensor, light: np.ndarray, t_us: np.ndarray) -> np.ndarray:
+    """All events of a sensor whose pixels see the same light [time]."""
+    found = []
+    for i in range(0, len(t_us), BATCH):
+        some = light[i : i + BATCH, None, None].astype(np.float32)
+        frames = np.ascontiguousarray(np.broadcast_to(some, (len(some), *sensor.shape)))
+        found.append(sensor.push(frames, t_us[i : i + BATCH]))
+    return np.concatenate([*found, sensor.finish()])
+
+
 @dataclass
 class Model:
     """`chip` with overrides before the light of recordings, whose level 1 is `light_a` amperes; what was computed for
@@ -152,14 +162,8 @@ class Model:
             ramp_us = None if ramps_us is None else float(ramps_us[j])
             light.append(_light(behind, of.levels[j - 1], of.levels[j], length_us, ramp_us))
             edges.append(edges[-1] + length_us)
-        times, values_of = np.concatenate(t_us), np.concatenate(light).astype(np.float32)
-        found = []
         with self._sensor(pixels, light_a, values) as sensor:
-            for i in range(0, len(times), BATCH):
-                some = values_of[i : i + BATCH, None, None]
-                frames = np.broadcast_to(some, (len(some), *sensor.shape))
-                found.append(sensor.push(np.ascontiguousarray(frames), times[i : i + BATCH]))
-            events = np.concatenate([*found, sensor.finish()])
+            events = _events(sensor, np.concatenate(light), np.concatenate(t_us))
         events = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
         pixel = events["y"].astype(np.int64) * COLUMNS + events["x"]
         return StepEvents(
@@ -177,15 +181,6 @@ class Model:
         noise = self._once("noise", light, *sorted(noisy.items()), make=lambda: self._noise(light, noisy))
         rest = self._once("slow", of.seconds, *sorted(slow.items()), make=lambda: self._slow(slow, of.seconds))
         return noise, rest
-
-    def _still(self, sensor: Sensor, times: list[np.ndarray], level: float) -> np.ndarray:
-        block = np.full((BATCH, *sensor.shape), level, np.float32)
-        found = []
-        for t_us in times:
-            for i in range(0, len(t_us), BATCH):
-                some = t_us[i : i + BATCH]
-                found.append(sensor.push(block[: len(some)], some))
-        return np.concatenate([*found, sensor.finish()])
 
     def _counts(self, events: np.ndarray, begin_s: float, seconds: float, windows: int) -> StillEvents:
         """Windows of time count as further pixels, window by window."""
@@ -209,12 +204,13 @@ class Model:
             if leaks and lit:  # pixels begin at a random phase of their leak: in less light by part of a threshold
                 phase = np.random.default_rng(self.seed).uniform(0, overrides["contrast_threshold_on"], sensor.shape)
                 found, settle = [sensor.push(np.exp(-phase)[None], settle)], settle[1:]
-            events = np.concatenate([*found, self._still(sensor, [settle, fine], level)])
+            t_us = np.concatenate([settle, fine])
+            events = np.concatenate([*found, _events(sensor, np.full(len(t_us), level), t_us)])
         return self._counts(events[events["label"] == LABELS.index("noise")], begin * 1e-6, seconds, 1)
 
     def _slow(self, overrides: Mapping[str, float], seconds: float) -> StillEvents:
         windows = max(1, int(SLOW_S / seconds))
-        end_s = SETTLE_S + windows * seconds
+        t_us = np.arange(0, SETTLE_S + windows * seconds + SLOW_STEP_S, SLOW_STEP_S) * 1e6
         with self._sensor(self.still_pixels, 1e-12, {**overrides, "noise_std": 0.0}) as sensor:
-            events = self._still(sensor, [np.arange(0, end_s + SLOW_STEP_S, SLOW_STEP_S) * 1e6], 1.0)
+            events = _events(sensor, np.ones(len(t_us)), t_us)
         return self._counts(events, SETTLE_S, seconds, windows)

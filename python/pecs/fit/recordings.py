@@ -27,6 +27,7 @@ OPPOSITE = 0.2  # largest share of events against the direction of a switch
 FLICKER_HZ, FLICKERS, CHANCE = (40.0, 1200.0), 0.1, 25.0  # searched; least share of events that follow it, and power
 UNSTEADY = 5.0  # largest ratio of rates within a recording in still light; noise itself falls for seconds
 IN_ROWS = 0.5  # largest share of the variance of first events that lies between rows
+Place = tuple[int, int, int, int]  # x, y, width, height of a region
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class StepEvents:
     lengths_us: NDArray[np.float64]  # of the light at each level
     exact: bool  # the times of the switches are known
     ramps_us: NDArray[np.float64] | None = None  # durations of ramps, each in the middle of lengths_us; None: steps
-    place: tuple[int, int, int, int] | None = None  # the region; None: simulated
+    place: Place | None = None  # the region; None: simulated
 
     def without(self, hot: NDArray[np.bool_]) -> StepEvents:
         number, keep = np.cumsum(~hot) - 1, ~hot[self.pixel]
@@ -131,13 +132,13 @@ def _refuse(file: str | Path, got: str, wanted: str) -> PecsInputError:
     return PecsInputError(f"{file}: got {got}, wanted {wanted}")
 
 
-def region_of(width: int, height: int) -> tuple[int, int, int, int]:
-    """x, y, width, height of the default region, in the centre."""
+def region_of(width: int, height: int) -> Place:
+    """The default region, in the centre."""
     w, h = min(width, REGION_PX), min(height, REGION_PX)
     return (width - w) // 2, (height - h) // 2, w, h
 
 
-def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Events, tuple[int, int, int, int]]:
+def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Events, Place]:
     """All events, those of the region, and the region."""
     events = read(file)
     if not len(events):
@@ -152,7 +153,7 @@ def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Event
     return events, events[inside], (x, y, w, h)
 
 
-def _pixels(events: Events, region: tuple[int, int, int, int]) -> NDArray[np.int64]:
+def _pixels(events: Events, region: Place) -> NDArray[np.int64]:
     x, y, w, _ = region
     pixel: NDArray[np.int64] = (events["y"].astype(np.int64) - y) * w + (events["x"].astype(np.int64) - x)
     return pixel
@@ -163,28 +164,19 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
     if not np.isfinite(of.level) or of.level < 0:
         raise _refuse(of.file, f"level {of.level:g}", "a number from 0 on")
     everything, events, place = _load(of.file, region)
-    first, last = float(everything["t"][0]), float(everything["t"][-1])
-    return _still_events(of.file, Path(of.file).name, of.level, events, place, first, last)
+    return _still_events(of, events, place, float(everything["t"][0]), float(everything["t"][-1]))
 
 
-def load_still_everywhere(of: Still) -> tuple[StillEvents, tuple[int, int, int, int]]:
+def load_still_everywhere(of: Still) -> tuple[StillEvents, Place]:
     """Counts of all events, and the smallest region that contains them: x, y, width, height."""
     events = read(of.file)
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
     place = left, top, right - left + 1, bottom - top + 1
-    first, last = float(events["t"][0]), float(events["t"][-1])
-    return _still_events(of.file, Path(of.file).name, of.level, events, place, first, last), place
+    return _still_events(of, events, place, float(events["t"][0]), float(events["t"][-1])), place
 
 
-def _still_events(
-    file: str | Path,
-    name: str,
-    level: float,
-    events: Events,
-    place: tuple[int, int, int, int],
-    first: float,
-    last: float,
-) -> StillEvents:
+def _still_events(of: Still, events: Events, place: Place, first: float, last: float) -> StillEvents:
+    file = of.file
     begin = first + SKIPPED * (last - first)
     seconds = (last - begin) * 1e-6
     if seconds < 0.5:
@@ -195,7 +187,7 @@ def _still_events(
     _check_steady(file, kept, pixel, pixels, begin, last)
     _check_motion(file, kept, pixels, last - begin)
     counts = [np.bincount(pixel[kept["p"] == p], minlength=pixels) for p in (1, 0)]
-    return StillEvents(name, level, *counts, seconds)
+    return StillEvents(Path(file).name, of.level, *counts, seconds)
 
 
 def _check_flicker(file: str | Path, times: NDArray[Any], begin: float, end: float) -> None:
@@ -416,9 +408,8 @@ def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[St
     """The ramps, and the screen. Still light is only checked: its noise depends on the light before. Raises
     PecsInputError for flashes that are not those of the page."""
     _, events, place = _load(of.file, region)
-    pixels, name = place[2] * place[3], Path(of.file).name
     t_us, on = events["t"].astype(float), events["p"] == 1
-    edges, rises = _find_edges(of.file, t_us, on, pixels, SCREEN_BIN_US)
+    edges, rises = _find_edges(of.file, t_us, on, place[2] * place[3], SCREEN_BIN_US)
     found = stimulus.sections(edges, rises)
     wanted = list(stimulus.SECTIONS.values())
     if not found:  # pulses hide flashes
@@ -432,15 +423,13 @@ def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[St
     ramps, still = found
     margin_us = 1e6 * stimulus.TOLERANCE_S
     begin, end = still.begin_us + margin_us, still.begin_us + 1e6 * still.section.seconds - margin_us
-    _still_events(of.file, name, still.section.levels[0], events, place, begin, end)
+    _still_events(Still(of.file, still.section.levels[0]), events, place, begin, end)
     flashes = np.concatenate([np.arange(len(edges))[f.flashes] for f in found])
     screen = _screen(edges[flashes], rises[flashes], events, place)
-    return _ramps(of.file, name, ramps.section, events, place, ramps.begin_us), screen
+    return _ramps(of.file, ramps.section, events, place, ramps.begin_us), screen
 
 
-def _screen(
-    edges: NDArray[np.float64], rises: NDArray[np.bool_], events: Events, place: tuple[int, int, int, int]
-) -> Screen:
+def _screen(edges: NDArray[np.float64], rises: NDArray[np.bool_], events: Events, place: Place) -> Screen:
     """From the events behind the flashes' edges."""
     t_us, on = events["t"].astype(float), events["p"] == 1
     x, y, w, h = place
@@ -460,21 +449,14 @@ def _screen(
     return Screen(refresh, float(last - first) * 1e-6, (float(across[0]) * 1e-6, float(across[1]) * 1e-6))
 
 
-def _ramps(
-    file: str | Path,
-    name: str,
-    section: stimulus.Section,
-    events: Events,
-    place: tuple[int, int, int, int],
-    begin: float,
-) -> StepEvents:
+def _ramps(file: str | Path, section: stimulus.Section, events: Events, place: Place, begin: float) -> StepEvents:
     k, cycles = len(section.levels), stimulus.CYCLES
     ramps = 1e6 * np.array(section.ramps_s)
     lengths = ramps + 1e6 * stimulus.HOLD_S
     edges = begin + np.concatenate([[0.0], np.cumsum(np.tile(lengths, cycles))])
     kept = events[(events["t"] >= edges[0]) & (events["t"] < edges[-1])]
     out = StepEvents(
-        name,
+        Path(file).name,
         section.levels,
         _pixels(kept, place),
         kept["t"].astype(float),

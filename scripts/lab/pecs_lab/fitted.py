@@ -59,7 +59,6 @@ BOXES = {
 STARTS, SOBOL, POPULATION = 2, 256, 16
 OF_CHIP = {*THRESHOLDS, *MISMATCH, *REFRACTORY, "noise_std"}
 ICNS_LUX = 1e4  # of a frame's 1
-BRIGHTNESS = {"pecs": "white_fa", "icns": "white_lux"}  # of the recording's mean white; of the others white_grey
 
 
 def sensor(model: str, values: dict, width: int, height: int, **options: object) -> tuple[pecs.Sensor, float]:
@@ -118,19 +117,13 @@ class Stage:
         light = lamp_fit.illuminance(self.x_mm, self.up_mm, lamp, WALLS) * cos4
         return (light / light.mean()).astype(np.float32)
 
-    def frames(self, values: dict, scale: float) -> np.ndarray:
-        """[time, row, column]; `scale` is the recording's mean white."""
-        white = np.float32(scale) * self.light(values)
-        return np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
-
     def events(self, model: str, values: dict, seed: int, threads: int = 0) -> np.ndarray:
+        """Of the pixels at their places in the picture, without the warm-up."""
         made, scale = sensor(model, values, *self.shape[::-1], seed=seed, threads=threads)
+        white = np.float32(scale) * self.light(values)
+        frames = np.where(self.white, white, white / np.float32(values["contrast"])).reshape(-1, *self.shape)
         with made:
-            found = [made.push(self.frames(values, scale), self.t_us + self.warmup_us), made.finish()]
-        return self.unpacked(np.concatenate(found))
-
-    def unpacked(self, found: np.ndarray) -> np.ndarray:
-        """Events of the packed pixels at their places in the picture, without the warm-up."""
+            found = np.concatenate([made.push(frames, self.t_us + self.warmup_us), made.finish()])
         found["t"] -= round(self.warmup_us)
         pixel = found["y"].astype(np.int64) * self.shape[1] + found["x"]
         kept = (found["t"] >= 0) & (found["t"] < self.duration_us) & (pixel < self.pixels)
@@ -153,14 +146,9 @@ class Box:
         at = np.where(self.log, np.exp(np.where(self.log, at, 0)), at)
         return {k: float(f"{v:.4g}") for k, v in zip(self.names, at.tolist(), strict=True)}
 
-    def point(self, values: dict) -> np.ndarray:
-        at = np.array([values[k] for k in self.names])
-        at = np.where(self.log, np.log(np.where(self.log, at, 1)), at)
-        return np.clip((at - self.low) / (self.high - self.low), 0, 1)
 
-
-def search(loss: Callable[[dict], float], ranges: dict, evaluations: int, start: dict | None = None) -> dict:
-    """The values of the least loss, and how they were found. `start`: values to start from, instead of a sequence."""
+def search(loss: Callable[[dict], float], ranges: dict, evaluations: int) -> dict:
+    """The values of the least loss, and how they were found."""
     import cma
 
     warnings.filterwarnings("ignore", module="cma")
@@ -170,17 +158,13 @@ def search(loss: Callable[[dict], float], ranges: dict, evaluations: int, start:
         done.append((loss(box.values(x)), np.clip(x, 0, 1)))
         return done[-1][0]
 
-    if start:
-        starts, width = [box.point(start)], 0.1
-        tried(starts[0])
-    else:
-        points = qmc.Sobol(len(box.names), seed=1).random(SOBOL)
-        starts, width = points[np.argsort([tried(x) for x in points])[:STARTS]], 0.2
+    points = qmc.Sobol(len(box.names), seed=1).random(SOBOL)
+    starts = points[np.argsort([tried(x) for x in points])[:STARTS]]
     after_first, rest, ends = min(miss for miss, _ in done), (evaluations - len(done)) // len(starts), []
     for i, x in enumerate(starts):
         options = {"bounds": [0, 1], "popsize": POPULATION, "seed": i + 1, "verbose": -9, "maxfevals": rest}
         before = len(done)
-        cma.fmin2(tried, x, width, options)
+        cma.fmin2(tried, x, 0.2, options)
         ends.append(min(miss for miss, _ in done[before:]))
     miss, x = min(done, key=lambda d: d[0])
     at_bound = [k for k, v in zip(box.names, x.tolist(), strict=True) if min(v, 1 - v) < 0.01]
@@ -189,14 +173,13 @@ def search(loss: Callable[[dict], float], ranges: dict, evaluations: int, start:
     return row | {"objective_of_starts": ends, "at_bound": at_bound} | spent | {"values": box.values(x)}
 
 
-def misses(simulate: Callable, disk: Disk, part: Part, target: np.ndarray) -> Callable[[dict], float]:
-    """The objective: of values, how far `simulate` is from the recording's `target` cells."""
-    return lambda values: deviance(target, part.cells(simulate(values), disk))
-
-
 def fit(name: str, ranges: tuple, stage: Stage, part: Part, target: np.ndarray, evaluations: int) -> dict:
     (fixed, free), model = ranges, name.split()[0]
-    loss = misses(lambda v: stage.events(model, fixed | v, 1, threads=1), stage.disk, part, target)
+
+    def loss(values: dict) -> float:
+        """How far the simulation is from the recording's `target` cells."""
+        return deviance(target, part.cells(stage.events(model, fixed | values, 1, threads=1), stage.disk))
+
     row = search(loss, free, evaluations)
     return row | {"values": fixed | row["values"]}
 
@@ -227,12 +210,8 @@ class Halves:
         half = between(on_grid(self.events, SCORE_COARSER, 1), disk, self.middle_us, self.duration_us)
         small = [n // SCORE_COARSER for n in size]
         scored = Scored(*half, *small, self.duration_us - self.middle_us, slowness)
-        return scored, scored.scores(*self.beside())
-
-    def beside(self) -> tuple[np.ndarray, Disk]:
-        """Second half of the pixels between those that are scored."""
-        disk = self.disk.coarser(SCORE_COARSER).moved(0.5, 0.5)
-        return between(on_grid(self.events, SCORE_COARSER, 0), disk, self.middle_us, self.duration_us)
+        beside = between(on_grid(self.events, SCORE_COARSER, 0), disk.moved(0.5, 0.5), self.middle_us, self.duration_us)
+        return scored, scored.scores(*beside)
 
     def of_second(self, events: np.ndarray) -> np.ndarray:
         return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]

@@ -71,12 +71,9 @@ def median_delays_us(sensor: Callable[[int, int], pecs.Sensor], per_fa: float) -
     """Median delays of the pixels' first events at each irradiance, not a number where half of the pixels are silent.
     Frames of sensor(width, height) are in units of fA * per_fa."""
     frames, t_us = square_wave(nist_fa() * per_fa)
-    found = []
     with sensor(*frames.shape[:0:-1]) as made:
-        for i in range(0, len(t_us), BATCH):
-            found.append(made.push(frames[i : i + BATCH], t_us[i : i + BATCH]))
-        found.append(made.finish())
-    delays = first_delays_us(np.sort(np.concatenate(found), order="t"))
+        found = np.concatenate([made.push(frames, t_us), made.finish()])
+    delays = first_delays_us(np.sort(found, order="t"))
     each = {p: d.reshape(len(d), -1) for p, d in delays.items()}
     enough = {p: np.isfinite(d).mean(axis=1) > 0.5 for p, d in each.items()}
     return {p: np.where(enough[p], np.nanmedian(np.nan_to_num(d, nan=2e6), axis=1), np.nan) for p, d in each.items()}
