@@ -5,7 +5,8 @@ The recording (EDI's camerashake, Pan et al., CVPR 2019) is not in the repositor
 in us, x, y, p) and frames/NNNN.png. Window k begins with the exposure of frame k, and lasts until the next one.
 
 still: windows 32 to 34, the light of the mean frame. moving: the sharp frames as one texture, moved to where the events
-of each 4 ms have its edges; thresholds and numbers of events have no part in that. A lamp flickers in both.
+of each 4 ms have its edges; thresholds and numbers of events have no part in that. A lamp flickers in both. cups:
+a DAVIS346 with exposures_us.csv (in FOLDER); all frames are blurred, and deconvolved along such a path.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pecs
+from pecs_lab.blurred_twin import BlurredTwin, without_pattern
 from PIL import Image
 from scipy.ndimage import gaussian_filter1d
 
@@ -24,6 +26,9 @@ SHARED, SHARED_TURN = 0.0294, 0.467  # a current that all pixels share, of white
 SHARP, CENTRE, MUG_DN = (2, 6, 7, 8, 13, 17, 20, 23, 26), 20, 28  # frames; grey value of the mug in frames of still.npz
 EDGE_PX, SLICE_US, SMOOTH, DRAG, CHANCE = 40, 4000, 2.5, 0.3, 0.02  # CHANCE: of noise events
 LEAD_US = 2 * PERIOD_US
+CUPS_BLACK_DN, CUPS_WHITE_DN = 2, 130
+CUPS_WHITE_A = 2.4e-13  # that of camerashake, by grey value and exposure
+CUPS_LEAD_US, CUPS_SKIP_US = 120e3, 2000  # before an exposure; of it, where frames may act on events
 SHAKE_PX, SHAKE_HZ = 5, 2.5
 
 
@@ -164,28 +169,51 @@ def fired_back(t_us, pixel, p, dark):
     return len(fired), [round(float(np.isin(fired, pixels).mean()), 2) for pixels in back]
 
 
-def same_maps(one, other, k):
-    """Correlation of the numbers of events in 8x8 pixels, in window k."""
+def of_window(events, k):
+    mine = events[0] // PERIOD_US == k - 2
+    return tuple(of[mine] for of in events)
+
+
+def same_maps(one, other, shape):
+    """Correlation of the numbers of events in 8x8 pixels."""
     maps = []
-    for t_us, pixel, _ in (one, other):
-        y, x = np.divmod(pixel[t_us // PERIOD_US == k - 2], WIDTH)
-        maps.append(np.histogram2d(y, x, [np.arange(0, 177, 8), np.arange(0, 241, 8)])[0].ravel())
+    for _, pixel, _ in (one, other):
+        edges = [np.arange(0, n + 1, 8) for n in shape]
+        maps.append(np.histogram2d(*np.divmod(pixel, shape[1]), edges)[0].ravel())
     return np.corrcoef(maps)[0, 1]
 
 
-def moving_scores(recorded, simulated, other, k):
-    """Of window k: numbers of events, their ratio, correlation of maps and that of two seeds, ON shares, and the
+def moving_scores(recorded, simulated, other, shape):
+    """Of a window: numbers of events, their ratio, correlation of maps and that of two seeds, ON shares, and the
     simulated less the recorded logarithm (base 10) of a pixel's intervals at 10, 25, 50, 75 and 90 %."""
     intervals, shares = [], []
     for t_us, pixel, p in (recorded, simulated):
-        mine = t_us // PERIOD_US == k - 2
-        order = np.lexsort((t_us[mine], pixel[mine]))
-        gaps_us = np.diff(t_us[mine][order])[np.diff(pixel[mine][order]) == 0]
+        order = np.lexsort((t_us, pixel))
+        gaps_us = np.diff(t_us[order])[np.diff(pixel[order]) == 0]
         intervals.append(np.quantile(np.log10(np.maximum(gaps_us, 1)), [0.1, 0.25, 0.5, 0.75, 0.9]))
-        shares.append(float(p[mine].mean()))
-    numbers = [int((e[0] // PERIOD_US == k - 2).sum()) for e in (recorded, simulated)]
-    maps = same_maps(recorded, simulated, k), same_maps(simulated, other, k)
+        shares.append(float(p.mean()))
+    numbers = [len(e[0]) for e in (recorded, simulated)]
+    maps = same_maps(recorded, simulated, shape), same_maps(simulated, other, shape)
     return *numbers, numbers[1] / numbers[0], *maps, *shares, intervals[1] - intervals[0]
+
+
+def print_moving(first, scores):
+    """scores: of each window, with the correlation of the re-blurred frame; from window `first` on."""
+    print("window  recorded simulated ratio  map seeds ON rec  sim  intervals [decades]      re-blurred frame")
+    rows = []
+    for k, (row, same) in enumerate(scores, first):
+        n, m, ratio, maps, best, on, on_sim, gaps = row
+        rows.append(row)
+        print(
+            f"{k:6} {n:9} {m:9} {ratio:5.2f} {maps:5.3f} {best:5.3f} {on:5.3f} {on_sim:5.3f} "
+            f"{np.round(gaps, 2)!s:32} {same:.4f}",
+            flush=True,
+        )
+    ratio, maps, best, gaps = (np.array([row[i] for row in rows]) for i in (2, 3, 4, 7))
+    print(f"within 15 %: {np.sum(np.abs(ratio - 1) < 0.15)}, maps of 0.9: {np.sum(maps >= 0.9)} (of two seeds "
+          f"{np.sum(best >= 0.9)}), "
+          f"median interval within 0.1 decades: {np.sum(np.abs(gaps[:, 2]) < 0.1)} of {len(rows)} windows; "
+          f"all events {sum(row[1] for row in rows) / sum(row[0] for row in rows):.3f}")  # fmt: skip
 
 
 def shaken(picture, t_us):
@@ -220,24 +248,54 @@ def moving(folder, seed, picture, first, last):
 
     simulated, other = (simulate(lambda now_us: light(seen(now_us)), first, last, seed + i) for i in (0, 1))
     recorded = of_windows(events["t"], events, first, last)
-    print("window  recorded simulated ratio  map seeds ON rec  sim  intervals [decades]      re-blurred frame")
-    rows = [moving_scores(recorded, simulated, other, k) for k in range(first, last + 1)]
-    for k, (n, m, ratio, maps, best, on, on_sim, gaps) in enumerate(rows, first):
+
+    def scores(k):
         exposed_us = (k - 2) * PERIOD_US + BEGIN_US + np.linspace(2e3, 98e3, 25)
         blurred = np.mean([seen(now_us) for now_us in exposed_us], 0)
         same = np.corrcoef(blurred[10:-10, 10:-10].ravel(), grey(folder, k)[10:-10, 10:-10].ravel())[0, 1]
-        print(
-            f"{k:6} {n:9} {m:9} {ratio:5.2f} {maps:5.3f} {best:5.3f} {on:5.3f} {on_sim:5.3f} "
-            f"{np.round(gaps, 2)!s:32} {same:.4f}",
-            flush=True,
-        )
-    ratio, maps, best, gaps = (np.array([row[i] for row in rows]) for i in (2, 3, 4, 7))
-    print(f"within 15 %: {np.sum(np.abs(ratio - 1) < 0.15)}, maps of 0.9: {np.sum(maps >= 0.9)} (of two seeds "
-          f"{np.sum(best >= 0.9)}), "
-          f"median interval within 0.1 decades: {np.sum(np.abs(gaps[:, 2]) < 0.1)} of {len(rows)} windows; "
-          f"all events {sum(row[1] for row in rows) / sum(row[0] for row in rows):.3f}")  # fmt: skip
+        return moving_scores(*(of_window(e, k) for e in (recorded, simulated, other)), (HEIGHT, WIDTH)), same
+
+    print_moving(first, (scores(k) for k in range(first, last + 1)))
     if picture:
         draw_maps(recorded, simulated, picture)
+
+
+def cups(folder, seed):
+    events = dict(np.load(folder / "events.npz"))
+    numbers, *exposures_us = np.loadtxt(folder / "exposures_us.csv", delimiter=",", skiprows=1).T
+    frames = [np.asarray(Image.open(folder / f"frames/{int(k):04}.png"), np.float32) for k in numbers]
+
+    def cups_light(values):
+        return np.clip((values - CUPS_BLACK_DN) / (CUPS_WHITE_DN - CUPS_BLACK_DN), DARKEST, None)
+
+    twin = BlurredTwin(
+        without_pattern(frames), np.transpose(exposures_us), events, lambda values: np.log(cups_light(values))
+    )
+    height, width = twin.size
+
+    def simulate_frame(texture, k, seed):
+        begin_us, end_us = twin.exposures_us[k]
+        t_us, found = np.arange(begin_us - CUPS_LEAD_US, end_us + 1500, 1000), []
+        with pecs.Sensor(width, height, "davis346", seed=seed, photocurrent_a=CUPS_WHITE_A, time_unit="us") as sensor:
+            for i in range(0, len(t_us), 64):
+                planes = [cups_light(twin.view(texture, twin.pose(k, t))) for t in t_us[i : i + 64]]
+                found.append(sensor.push(np.array(planes, np.float32), t_us[i : i + 64] - t_us[0]))
+            found.append(sensor.finish())
+        return exposed(np.concatenate(found), t_us[0], k)
+
+    def exposed(of, start_us, k):
+        t_us = of["t"] + start_us
+        inside = (t_us >= twin.exposures_us[k][0] + CUPS_SKIP_US) & (t_us < twin.exposures_us[k][1])
+        return t_us[inside], (of["y"].astype(int) * width + of["x"])[inside], of["p"][inside].astype(int)
+
+    def scores(k):
+        texture = twin.texture(k)
+        of_seeds = [simulate_frame(texture, k, seed + i) for i in (0, 1)]
+        recorded = exposed(events, 0, k)
+        blurred, frame = (f[10:-10, 10:-10].ravel() for f in (twin.blurred(texture, k, k), twin.frames[k]))
+        return moving_scores(recorded, *of_seeds, (height, width)), np.corrcoef(blurred, frame)[0, 1]
+
+    print_moving(int(numbers[0]), (scores(k) for k in range(len(frames))))
 
 
 def draw(recorded, simulated, path):
@@ -271,7 +329,7 @@ def draw_maps(recorded, simulated, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("still", "moving"))
+    parser.add_argument("kind", choices=("still", "moving", "cups"))
     parser.add_argument("recording", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--output", type=Path, help="PNG of rates over the frame clock, or of maps")
     parser.add_argument("--seed", type=int, default=1)
@@ -279,6 +337,8 @@ def main():
     args = parser.parse_args()
     if args.kind == "still":
         still(args.recording, args.seed, args.output)
+    elif args.kind == "cups":
+        cups(args.recording, args.seed)
     else:
         moving(args.recording, args.seed, args.output, *args.windows)
 
