@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zlib
 
 import numpy as np
 import pecs
@@ -212,6 +213,48 @@ def test_transparent_pictures_have_no_light(tmp_path, pecs_program, kind):
             picture.save(tmp_path / name / f"{i}.{end}", **more)
     refused(pecs_program, tmp_path / "clear", f"0.{end}: alpha: got ", "--fps", 100)
     simulated(pecs_program, tmp_path / "opaque", tmp_path / "o.npz", "--fps", 1000)
+
+
+def srgb_of(values):
+    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)
+
+
+@pytest.mark.parametrize("white", [100, 1023, 4095, 65535])
+def test_the_greatest_value_of_a_pgm_is_white(tmp_path, pecs_program, white):
+    """Cameras of 10 and 12 bits write it. Taken as 16 bits, their light was linear and 1/16 as bright."""
+    kind = np.dtype(">u2" if white > 255 else "u1")
+    for i, frame in enumerate(FRAMES):
+        header = f"P5 # {i}\n#\n{W} {H}\n{white}\n".encode()
+        (tmp_path / f"{i}.pgm").write_bytes(header + np.round(white * srgb_of(frame)).astype(kind).tobytes())
+    found = simulated(pecs_program, tmp_path, tmp_path / "o.npz", "--fps", 1000, "--no-flow")
+    wanted = pecs.simulate(FRAMES, 1000 * np.arange(N), "ideal")
+    assert len(found) == pytest.approx(len(wanted), rel=0.05) and len(wanted) > 1000
+
+
+def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
+    """Integers that are neither of 8 nor of 16 bits were linear light of up to 2^31; pages behind the first one, a
+    file's own gamma and its inversion had no effect."""
+    image, cv2 = pytest.importorskip("PIL.Image"), pytest.importorskip("cv2")
+    deep = np.round(65535 * srgb_of(FRAMES[0])).astype(np.uint16)
+    for name in ("signed", "long", "pages", "inverse", "linear"):
+        (tmp_path / name).mkdir()
+    cv2.imwrite(str(tmp_path / "signed/0.tif"), (deep // 2).astype(np.int16))
+    cv2.imwrite(str(tmp_path / "long/0.tif"), deep.astype(np.int32))
+    pages = [image.fromarray(deep) for _ in range(3)]
+    pages[0].save(tmp_path / "pages/0.tif", save_all=True, append_images=pages[1:])
+    pages[0].save(tmp_path / "inverse/0.tif", tiffinfo={262: 0})
+    png, gamma = cv2.imencode(".png", deep)[1].tobytes(), b"gAMA" + struct.pack(">I", 100_000)
+    gamma = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
+    (tmp_path / "linear/0.png").write_bytes(png[:33] + gamma + png[33:])
+    for name, words in {
+        "signed": "0.tif: values: got CV_16S, wanted unsigned integers of 8 or 16 bits, or floating point",
+        "long": "0.tif: values: got CV_32S, wanted",
+        "pages": "0.tif: got several pictures, wanted one",
+        "inverse": "0.tif: photometric: got white is 0, wanted black is 0",
+        "linear": "0.png: gAMA: got gamma 1, wanted 2.2, or --colorspace",
+    }.items():
+        refused(pecs_program, tmp_path / name, words, "--fps", 1000)
+    refused(pecs_program, tmp_path / "linear", "frames: got 1", "--fps", 1000, "--colorspace", "linear")
 
 
 # --- OpenEXR ----------------------------------------------------------------------------------------------------------
