@@ -224,7 +224,11 @@ class Video final : public Pictures {
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
-    set_times(options.times, media().frame_times_ms(path.string()));
+    const VideoIndex index = media().index_video(path.string());
+    if (is_srgb_by_default_ && !index.high_range.empty())
+      throw bad_input(path.string(), "transfer curve", index.high_range + " (high dynamic range)",
+                      "BT.709 or sRGB: convert it, or state --colorspace");
+    set_times(options.times, index.times_ms);
     open();
   }
   std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }

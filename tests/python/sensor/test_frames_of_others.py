@@ -50,31 +50,63 @@ def boxes(data, begin, end):
         begin += size
 
 
-def with_durations(path, durations):
-    """Gives the frames of an MP4 file, whose index is at its end, these durations in ticks (ISO 14496-12, stts)."""
+def with_table(path, name, change):
+    """Replaces a table of an MP4 file, whose index is at its end, by change(its bytes without the header)."""
     data, begin, end, parents = path.read_bytes(), 0, path.stat().st_size, []
-    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
-        begin, end = next((b, e) for kind, b, e in boxes(data, begin, end) if kind == name)
+    for part in (b"moov", b"trak", b"mdia", b"minf", b"stbl", name):
+        begin, end = next((b, e) for kind, b, e in boxes(data, begin, end) if kind == part)
         parents.append(begin)
         begin += 8
-    runs = b"".join(struct.pack(">II", 1, d) for d in durations)
-    table = struct.pack(">I4sII", 16 + len(runs), b"stts", 0, len(durations)) + runs
-    out = bytearray(data[: begin - 8] + table + data[end:])
-    for at in parents[:-1]:
-        size = struct.unpack(">I", out[at : at + 4])[0] + len(table) - (end - begin + 8)
+    table = change(data[begin:end])
+    out = bytearray(data[:begin] + table + data[end:])
+    for at in parents:
+        size = struct.unpack(">I", out[at : at + 4])[0] + len(table) - (end - begin)
         out[at : at + 4] = struct.pack(">I", size)
     path.write_bytes(out)
 
 
-def test_variable_frame_rate(tmp_path, pecs_program):
+def with_durations(path, durations):
+    """Gives the frames of an MP4 file these durations in ticks (ISO 14496-12, stts)."""
+    runs = b"".join(struct.pack(">II", 1, d) for d in durations)
+    with_table(path, b"stts", lambda _: struct.pack(">II", 0, len(durations)) + runs)
+
+
+def with_transfer(path, curve):
+    """States a transfer curve of ITU-T H.273 (ISO 14496-12, colr)."""
+    colour = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, 9, 0)
+
+    def change(table):
+        (size,) = struct.unpack(">I", table[8:12])
+        return table[:8] + struct.pack(">I", size + len(colour)) + table[12 : 8 + size] + colour + table[8 + size :]
+
+    with_table(path, b"stsd", change)
+
+
+def encode(path):
     cv2 = pytest.importorskip("cv2")
-    path = tmp_path / "v.mp4"
     video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
     if not video.isOpened():
         pytest.skip("needs an MPEG-4 encoder")
     for frame in FRAMES:
         video.write(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
     video.release()
+
+
+def test_video_of_high_dynamic_range(tmp_path, pecs_program):
+    """As phones record it: its values are not sRGB."""
+    for curve, name in ((1, None), (16, "PQ"), (18, "HLG")):
+        path = tmp_path / f"{curve}.mp4"
+        encode(path)
+        with_transfer(path, curve)
+        if name:
+            refused(pecs_program, path, f"{curve}.mp4: transfer curve: got {name} (high dynamic range), wanted BT.709")
+        simulated(pecs_program, path, tmp_path / "o.npz", "--no-flow", *(("--colorspace", "srgb") if name else ()))
+
+
+def test_variable_frame_rate(tmp_path, pecs_program):
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / "v.mp4"
+    encode(path)
     constant = simulated(pecs_program, path, tmp_path / "c.npz", "--no-flow")
     assert json.loads((tmp_path / "c.npz.run.json").read_text())["config"]["input"] == "video"
     capture = cv2.VideoCapture(str(path))
