@@ -41,7 +41,7 @@ class GlobalShutter final : public sensor::FrameSource {
       const cv::Mat from = origins(index).rowRange(begin, end);
       for (const cv::Mat& band : frame(index).bands) {
         cv::Mat warped = at(band, from, cv::INTER_CUBIC), least, most;
-        // Within the light around: beside a bright edge, a cubic falls to 0, which is a step of many thresholds.
+        // Within the light around: next to a bright edge, a cubic falls to 0, which is a step of many thresholds.
         cv::erode(band, least, kAround);
         cv::dilate(band, most, kAround);
         warped = cv::min(cv::max(warped, at(least, from, cv::INTER_NEAREST)), at(most, from, cv::INTER_NEAREST));

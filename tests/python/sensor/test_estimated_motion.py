@@ -119,8 +119,8 @@ def test_rows_of_a_rolling_shutter_have_their_own_times(tmp_path, pecs_program):
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
 
 
-def test_a_rolling_shutter_leaves_the_dark_beside_an_edge(tmp_path, pecs_program):
-    """A cubic fell to 0 beside an edge of 1 to 45, and a still background had more events than the edge."""
+def test_a_rolling_shutter_leaves_the_dark_at_an_edge(tmp_path, pecs_program):
+    """A cubic fell to 0 next to an edge of 1 to 45, and a still background had more events than the edge."""
     y, x = np.mgrid[:H, :W]
 
     def bar(t_s):
