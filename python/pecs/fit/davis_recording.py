@@ -56,7 +56,7 @@ def load_davis(of: Davis) -> DavisEvents:
     elif path.is_dir():
         events, pictures, begin_us, end_us = _folder(path)
     else:
-        events, (pictures, begin_us, end_us) = read(path), _aedat4(path)
+        events, (pictures, begin_us, end_us) = read(path, late="sort"), _aedat4(path)
     if len(pictures) < LEAST_FRAMES or not len(events):
         got = f"{len(events)} events and {len(pictures)} frames"
         raise PecsInputError(f"{path}: got {got}, wanted events and at least {LEAST_FRAMES} frames")
@@ -102,7 +102,7 @@ def _folder(path: Path) -> tuple[Events, list[NDArray[Any]], Floats, Floats]:
     files = [file for file in files if not file.name.endswith(".run.json")]
     if len(files) != 1:
         raise PecsInputError(f"{path}: got {len(files)} files events.*, wanted one")
-    events = read(files[0])
+    events = read(files[0], late="sort")
     for folder in (path, path / "frames"):
         names, times_us = _images(folder)
         exposures = sorted(folder.glob("exposures*.csv"))

@@ -93,7 +93,7 @@ def load_disk(of: Disk) -> DiskEvents:
     """Raises PecsError for a recording in which `pecs align detect` finds no disk."""
     if not np.isfinite(of.contrast) or of.contrast <= 1:
         raise PecsInputError(f"{of.file}: got contrast {of.contrast:g}, wanted white / black above 1")
-    found, events = _detect(of.file), read(of.file)
+    found, events = _detect(of.file), read(of.file, late="sort")
     events["t"] -= (begin := int(events["t"][0]))
     found["phase_time_us"] -= begin
     duration_us = int(events["t"][-1]) + 1

@@ -24,7 +24,7 @@ Found = dict[str, tuple[float, float]]  # value and standard deviation
 
 def measure(of: Flash, profile: Mapping[str, float]) -> Found:
     """Raises PecsInputError where the readout was not busy."""
-    events = read(of.file)
+    events = read(of.file, late="sort")
     vector_px = profile["readout_vector_px"]
     time_us, vectors = _served(events, vector_px)
     windows = np.arange(0, max(len(time_us) - WINDOW, 0), WINDOW)

@@ -140,7 +140,7 @@ def region_of(width: int, height: int) -> Place:
 
 def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Events, Place]:
     """All events, those of the region, and the region."""
-    events = read(file)
+    events = read(file, late="sort")
     if not len(events):
         raise _refuse(file, "no events", "a recording")
     width, height = events.width or int(events["x"].max()) + 1, events.height or int(events["y"].max()) + 1
@@ -169,7 +169,7 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
 
 def load_still_everywhere(of: Still) -> tuple[StillEvents, Place]:
     """Counts of all events, and the smallest region that contains them: x, y, width, height."""
-    events = read(of.file)
+    events = read(of.file, late="sort")
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
     place = left, top, right - left + 1, bottom - top + 1
     return _still_events(of, events, place, float(events["t"][0]), float(events["t"][-1])), place

@@ -54,9 +54,14 @@ def windows(reader: EventReader, length_us: float, after_us: float = 0.0) -> Ite
     """Consecutive windows, empty ones too, from the first event to the window of the last event; one of them begins
     after_us after the first event. Raises PecsInputError for more than `MOST_WINDOWS`."""
     kept: list[NDArray[np.void]] = []
-    begin_us, number = None, 0
+    begin_us, number, last_us = None, 0, np.iinfo(np.int64).min
     for block in reader:
         events = np.asarray(block)
+        if events["t"][0] < last_us or (np.diff(events["t"]) < 0).any():
+            raise bad_input(
+                "times", "", "an event earlier than one before it", "the order of time (pecs convert --late sort)"
+            )
+        last_us = events["t"][-1]
         if begin_us is None:
             begin_us = float(events["t"][0]) + after_us - length_us * math.ceil(after_us / length_us)
         if (count := (float(events["t"][-1]) - begin_us) / length_us) > MOST_WINDOWS:

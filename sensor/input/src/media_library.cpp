@@ -47,9 +47,9 @@ struct Freed {
 };
 
 // OpenCV 4.6 knows no time of the last frames of a video with B frames.
-std::vector<double> frame_times_ms(const std::string& path) {
+VideoIndex index_video(const std::string& path) {
   av_log_set_level(AV_LOG_QUIET);
-  std::vector<double> out;
+  VideoIndex out;
   AVFormatContext* opened = nullptr;
   if (avformat_open_input(&opened, path.c_str(), nullptr, nullptr) < 0) return out;
   const std::unique_ptr<AVFormatContext, Freed<avformat_close_input>> file(opened);
@@ -58,6 +58,8 @@ std::vector<double> frame_times_ms(const std::string& path) {
   while (index < file->nb_streams && file->streams[index]->codecpar->codec_type != AVMEDIA_TYPE_VIDEO) ++index;
   if (index == file->nb_streams) return out;
   const AVStream& stream = *file->streams[index];
+  if (const auto curve = stream.codecpar->color_trc; curve == AVCOL_TRC_ARIB_STD_B67 || curve == AVCOL_TRC_SMPTE2084)
+    out.high_range = curve == AVCOL_TRC_SMPTE2084 ? "PQ" : "HLG";
   const AVCodec* codec = avcodec_find_decoder(stream.codecpar->codec_id);
   const std::unique_ptr<AVCodecContext, Freed<avcodec_free_context>> decoder(avcodec_alloc_context3(codec));
   avcodec_parameters_to_context(decoder.get(), stream.codecpar);
@@ -75,8 +77,8 @@ std::vector<double> frame_times_ms(const std::string& path) {
     av_packet_unref(packet.get());
     while (avcodec_receive_frame(decoder.get(), frame.get()) >= 0) {
       const std::int64_t time = frame->best_effort_timestamp;
-      out.push_back(time == AV_NOPTS_VALUE ? std::numeric_limits<double>::quiet_NaN()
-                                           : 1e3 * static_cast<double>(time) * av_q2d(stream.time_base));
+      out.times_ms.push_back(time == AV_NOPTS_VALUE ? std::numeric_limits<double>::quiet_NaN()
+                                                    : 1e3 * static_cast<double>(time) * av_q2d(stream.time_base));
     }
   }
   return out;
@@ -129,5 +131,5 @@ int show(const char* window, const cv::Mat& picture, int wait_ms) {
 }  // namespace pecs::input
 
 extern "C" __attribute__((visibility("default"))) const pecs::input::Media pecs_media{
-    pecs::input::read_picture, pecs::input::png_of,       pecs::input::open_video,  pecs::input::frame_times_ms,
+    pecs::input::read_picture, pecs::input::png_of,       pecs::input::open_video,  pecs::input::index_video,
     pecs::input::video_writer, pecs::input::optical_flow, pecs::input::open_window, pecs::input::show};

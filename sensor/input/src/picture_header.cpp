@@ -1,7 +1,9 @@
 #include "picture_header.h"
 
+#include <algorithm>
 #include <array>
 #include <fstream>
+#include <sstream>
 #include <string>
 
 namespace pecs::input {
@@ -47,6 +49,7 @@ PictureHeader of_png(Bytes& file) {
     const std::string type = file.text(at + 4, 4);
     if (type == "IDAT" || type == "IEND") break;
     out.alpha |= type == "tRNS";
+    if (type == "gAMA") out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
     if (type == "pHYs") out.pixel_aspect = aspect_of(file.number(at + 8, 4, true), file.number(at + 12, 4, true));
     at += 12 + std::uint64_t{size};
   }
@@ -55,22 +58,47 @@ PictureHeader of_png(Bytes& file) {
 
 // TIFF 6.0: the entries of the first directory. Exif has the same in a JPEG file, from `start` on.
 PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
-  constexpr int kXResolution = 282, kYResolution = 283, kExtraSamples = 338;
+  constexpr int kWidth = 256, kHeight = 257, kPhotometric = 262, kXResolution = 282, kYResolution = 283,
+                kExtraSamples = 338;
   const bool big = file.text(start, 2) == "MM";
+  const auto entries_of = [&](std::uint64_t directory) { return file.number(directory, 2, big); };
+  const auto size_of = [&](std::uint64_t directory) {
+    std::array<std::uint32_t, 2> size{};
+    for (std::uint32_t i = 0; i < entries_of(directory) && i < kMostParts; ++i)
+      if (const std::uint64_t at = directory + 2 + 12 * i, tag = file.number(at, 2, big);
+          tag == kWidth || tag == kHeight)
+        size[tag - kWidth] = file.number(at + 8, file.number(at + 2, 2, big) == 3 ? 2 : 4, big);
+    return size;
+  };
   const std::uint64_t directory = start + file.number(start + 4, 4, big);
-  const std::uint32_t entries = file.number(directory, 2, big);
+  const std::uint32_t entries = entries_of(directory);
   PictureHeader out;
   std::array<double, 2> per_length{};
   for (std::uint32_t i = 0; i < entries && i < kMostParts; ++i) {
     const std::uint64_t at = directory + 2 + 12 * i;
     const std::uint32_t tag = file.number(at, 2, big);
     out.alpha |= tag == kExtraSamples;
+    out.white_is_zero |= tag == kPhotometric && file.number(at + 8, 2, big) == 0;
     if (tag != kXResolution && tag != kYResolution) continue;
     const std::uint64_t rational = start + file.number(at + 8, 4, big);
     const double below = file.number(rational + 4, 4, big);
     per_length[tag - kXResolution] = below > 0 ? file.number(rational, 4, big) / below : 0;
   }
   out.pixel_aspect = aspect_of(per_length[0], per_length[1]);
+  const std::uint32_t next = file.number(directory + 2 + 12 * std::uint64_t{entries}, 4, big);
+  out.pages = next > 0 && size_of(start + next) == size_of(directory);
+  return out;
+}
+
+// "P5", width, height and the greatest value, with comments from # to the end of a line.
+PictureHeader of_pnm(Bytes& file) {
+  constexpr std::size_t kMostHeader = 4096;
+  std::string head = file.text(0, kMostHeader);
+  for (std::size_t at = 0; (at = head.find('#')) != std::string::npos;) head.erase(at, head.find('\n', at) - at);
+  std::istringstream words(head.substr(2));
+  int width = 0, height = 0;
+  PictureHeader out;
+  words >> width >> height >> out.white;
   return out;
 }
 
@@ -104,6 +132,7 @@ PictureHeader picture_header(const std::filesystem::path& path) {
   if (head.starts_with(std::string("II*\0", 4)) || head.starts_with(std::string("MM\0*", 4))) return of_tiff(file);
   if (head.starts_with("\xff\xd8")) return of_jpeg(file);
   if (head.starts_with("BM")) return {aspect_of(file.number(38, 4, false), file.number(42, 4, false))};
+  if (head[0] == 'P' && std::string("2356").find(head[1]) != std::string::npos) return of_pnm(file);
   if (head.starts_with("RIFF") && head.ends_with("WEBP")) return of_webp(file);
   return {};
 }

@@ -1,5 +1,5 @@
 #pragma once
-// Fields of a picture's header that OpenCV does not read: PNG, TIFF, JPEG (JFIF and Exif), BMP, WebP.
+// Fields of a picture's header that OpenCV does not read: PNG, TIFF, JPEG (JFIF and Exif), BMP, WebP, PGM and PPM.
 #include <filesystem>
 
 namespace pecs::input {
@@ -7,6 +7,10 @@ namespace pecs::input {
 struct PictureHeader {
   double pixel_aspect = 1;  // width of a pixel over its height
   bool alpha = false;       // a channel of opacity
+  bool pages = false;       // more than one picture of this size
+  bool white_is_zero = false;
+  double gamma = 0;  // exponent from value to light; 0: not stated
+  int white = 0;     // greatest value; 0: that of the value's type
 };
 PictureHeader picture_header(const std::filesystem::path& path);
 

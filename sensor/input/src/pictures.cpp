@@ -94,7 +94,11 @@ class Pictures : public sensor::FrameSource {
 
  protected:
   Pictures(fs::path path, const PictureOptions& options)
-      : path_(std::move(path)), linear_(options), crop_(options.crop), size_(options.size) {}
+      : path_(std::move(path)),
+        linear_(options),
+        is_srgb_by_default_(!options.colour_space),
+        crop_(options.crop),
+        size_(options.size) {}
   virtual cv::Mat frame(std::int64_t index) const = 0;
 
   void describe(const cv::Mat& first) {
@@ -151,6 +155,7 @@ class Pictures : public sensor::FrameSource {
 
   fs::path path_;
   Linear linear_;
+  bool is_srgb_by_default_;
   std::optional<sensor::RoiWindow> crop_;
   std::optional<std::pair<int, int>> size_;
   bool is_8_bit_ = false;
@@ -179,6 +184,18 @@ class Folder final : public Pictures {
     const PictureHeader header = picture_header(file);
     check_pixel_aspect(header.pixel_aspect, file.string());
     if (header.alpha) check_opaque(file);
+    const auto reject = [&](const char* what, const std::string& got, const char* wanted) {
+      throw bad_input(file.string(), what, got, wanted);
+    };
+    if (header.pages) reject("", "several pictures", "one (a file for each frame)");
+    if (header.white_is_zero && picture.depth() != CV_8U) reject("photometric", "white is 0", "black is 0");
+    constexpr double kOfSrgb = 2.2, kSame = 0.05;
+    if (is_srgb_by_default_ && header.gamma > 0 && std::abs(header.gamma - kOfSrgb) > kSame)
+      reject("gAMA", fmt::format("gamma {:.3g}", header.gamma), "2.2, or --colorspace (gamma:G, linear, srgb)");
+    if (const int depth = picture.depth(); depth != CV_8U && depth != CV_16U && depth != CV_32F && depth != CV_64F)
+      reject("values", cv::depthToString(depth), "unsigned integers of 8 or 16 bits, or floating point");
+    if (const int white = picture.depth() == CV_8U ? 255 : 65535; header.white > 0 && header.white != white)
+      picture.convertTo(picture, CV_16U, 65535.0 / header.white);
     return picture;
   }
 
@@ -207,7 +224,11 @@ class Video final : public Pictures {
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
-    set_times(options.times, media().frame_times_ms(path.string()));
+    const VideoIndex index = media().index_video(path.string());
+    if (is_srgb_by_default_ && !index.high_range.empty())
+      throw bad_input(path.string(), "transfer curve", index.high_range + " (high dynamic range)",
+                      "BT.709 or sRGB: convert it, or state --colorspace");
+    set_times(options.times, index.times_ms);
     open();
   }
   std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }

@@ -13,6 +13,13 @@ namespace {
 
 constexpr std::size_t kFramesKept = 4;  // three for a frame, and the one before
 constexpr int kSteps = 5;               // of the search for the point that moves to a pixel
+const cv::Mat kAround = cv::Mat::ones(3, 3, CV_8U);
+
+cv::Mat at(const cv::Mat& values, const cv::Mat& places, int interpolation) {
+  cv::Mat out;
+  cv::remap(values, out, places, {}, interpolation, cv::BORDER_REPLICATE);
+  return out;
+}
 
 class GlobalShutter final : public sensor::FrameSource {
  public:
@@ -31,11 +38,13 @@ class GlobalShutter final : public sensor::FrameSource {
     std::vector<float> out;
     {
       const std::scoped_lock lock(mutex_);
-      const cv::Mat from = origins(index);
+      const cv::Mat from = origins(index).rowRange(begin, end);
       for (const cv::Mat& band : frame(index).bands) {
-        cv::Mat warped;
-        cv::remap(band, warped, from.rowRange(begin, end), {}, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
-        warped = cv::max(warped, 0);
+        cv::Mat warped = at(band, from, cv::INTER_CUBIC), least, most;
+        // Within the light around: next to a bright edge, a cubic falls to 0, which is a step of many thresholds.
+        cv::erode(band, least, kAround);
+        cv::dilate(band, most, kAround);
+        warped = cv::min(cv::max(warped, at(least, from, cv::INTER_NEAREST)), at(most, from, cv::INTER_NEAREST));
         out.insert(out.end(), warped.begin<float>(), warped.end<float>());
       }
     }
@@ -103,14 +112,11 @@ cv::Mat GlobalShutter::displacement(std::int64_t index) const {
 // Places in the frame whose points are at the pixels when the middle row is exposed.
 cv::Mat GlobalShutter::origins(std::int64_t index) const {
   const cv::Mat moved = displacement(index);
-  cv::Mat pixels(moved.size(), CV_32FC2), out, at;
+  cv::Mat pixels(moved.size(), CV_32FC2), out;
   for (int y = 0; y < pixels.rows; ++y)
     for (int x = 0; x < pixels.cols; ++x) pixels.at<cv::Point2f>(y, x) = {static_cast<float>(x), static_cast<float>(y)};
   out = pixels.clone();
-  for (int step = 0; step < kSteps; ++step) {
-    cv::remap(moved, at, out, {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-    out = pixels - at;
-  }
+  for (int step = 0; step < kSteps; ++step) out = pixels - at(moved, out, cv::INTER_LINEAR);
   return out;
 }
 

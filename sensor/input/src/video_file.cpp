@@ -46,7 +46,7 @@ void VideoFile::close() {
   const VideoFrames video = media().open_video(written);
   cv::Mat first;
   if (video.read) video.read(first);
-  const std::size_t frames = media().frame_times_ms(written).size();
+  const std::size_t frames = media().index_video(written).times_ms.size();
   if (first.size() != s.size || frames != s.frames)
     throw bad_output(s.path.string(),
                      fmt::format("got {} readable frames of {}x{}, wanted {} of {}x{} (disk full?)", frames, first.cols,

@@ -49,14 +49,16 @@ void ChipFrames::add(std::span<const float* const> planes, std::span<const doubl
   if (rows_.begin != rows.begin || rows_.end != rows.end) last_plane_.clear();
   rows_ = rows;
   for (std::size_t i = 0; i < planes.size(); ++i) {
-    if (i > 0)
-      expose(planes[i - 1], planes[i], t_us[i - 1], t_us[i]);
-    else if (!last_plane_.empty())
-      expose(last_plane_.data() - first, planes[i], last_us_, t_us[i]);
+    const bool is_first = last_plane_.empty();
+    last_plane_.resize(pixels);
+    plane_.resize(pixels);
+    // As for the events: values that are not finite are the pixel's last light, negative ones are dark.
+    std::transform(planes[i] + first, planes[i] + first + pixels, last_plane_.begin(), plane_.begin(),
+                   [](float now, float last) { return std::isfinite(now) ? std::max(now, 0.0f) : last; });
+    if (!is_first) expose(last_plane_.data() - first, plane_.data() - first, last_us_, t_us[i]);
+    std::swap(last_plane_, plane_);
+    last_us_ = t_us[i];
   }
-  if (planes.empty()) return;
-  last_plane_.assign(planes.back() + first, planes.back() + first + pixels);
-  last_us_ = t_us.back();
 }
 
 // Adds the light between two planes to each frame that is exposed then.
@@ -141,8 +143,7 @@ events::Frame ChipFrames::developed(std::int64_t frame, std::span<const double> 
         electrons += std::hypot(std::sqrt(electrons), chip_.frame_read_noise_e) * gaussian(r[0]);
       }
       dn += electrons / chip_.frame_gain_e;
-      // Light that is not finite is counted in bad_values.
-      out.values[p] = std::isfinite(dn) ? static_cast<std::uint16_t>(std::lround(std::clamp(dn, 0.0, most))) : 0;
+      out.values[p] = static_cast<std::uint16_t>(std::lround(std::clamp(dn, 0.0, most)));
     }
   });
   return out;

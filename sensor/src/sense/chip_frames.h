@@ -58,7 +58,7 @@ class ChipFrames {
   double most_us_;                    // of an automatic exposure
   std::deque<Metered> metered_;       // frames that no exposure follows yet
   Region rows_{};
-  std::vector<float> last_plane_;  // of the rows
+  std::vector<float> last_plane_, plane_;  // of the rows
   double last_us_ = 0;
   std::map<std::int64_t, std::vector<double>> light_;  // [units us] of frames that are not complete
   std::vector<events::Frame> complete_;                // not taken

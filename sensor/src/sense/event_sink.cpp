@@ -45,7 +45,7 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
 
 bool EventSink::write(LabelledEvents& fired, bool last) {
   const std::int64_t from_us = timeline_.from_us(), to_us = timeline_.to_us();
-  if (timeline_.warms_up()) trim(fired, from_us, to_us);  // the warm-up is not read out
+  if (timeline_.loops() || timeline_.warmup_us() > 0) trim(fired, timeline_.read_out_from_us(), to_us);
   clear(sent_);
   for (const std::int64_t edge_us : {from_us, to_us}) {  // parts are inside the window or outside
     if (fired.events.empty() || fired.events.front().t_us >= edge_us || fired.events.back().t_us < edge_us) continue;

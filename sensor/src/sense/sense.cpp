@@ -153,10 +153,8 @@ Simulation SenseRun::simulation(std::optional<std::uint64_t> noise_seed) const {
   const bool labels = options_.labels || (source_->estimates_motion() && model_traits(model_).tells_causes);
   ModelChoice model = model_;
   model.noise_seed = noise_seed;
-  // The readout begins after the warm-up.
-  const std::int64_t from_us = timeline_.warms_up() ? timeline_.from_us() : 0;
   return {{model, chip_, width, source_->info().height, options_.seed, 1.0, labels},
-          EventSorter(width, labels, from_us)};
+          EventSorter(width, labels, timeline_.read_out_from_us())};
 }
 
 void SenseRun::estimate_noise() {
@@ -288,7 +286,7 @@ void SenseRun::run_loop_in_bands(std::span<const Region> bands) {
   const std::int64_t steps = timeline_.steps();
   ProgressReporter progress(options_, steps * std::ssize(bands));
   EventSorter& sorter = simulation_.sorter;
-  sorter.begin_window(timeline_.from_us(), timeline_.to_us());
+  sorter.begin_window(timeline_.read_out_from_us(), timeline_.to_us());
   for (std::size_t k = 0; k < bands.size(); ++k) {
     FrameClock clock;
     feed_frames(timeline_, light_, bands[k], [&](const LightBatch& light) {

@@ -15,7 +15,7 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
   if (window.warmup_us > 0 && info.period_ns)
     throw bad_input(source.name(), "--warmup", fmt::format("{} us", window.warmup_us),
                     "--warmup-loops for a periodic stack");
-  warmup_us_ = window.warmup_us;
+  warmup_us_ = read_out_from_us_ = window.warmup_us;
   from_us_ = window.start_us + warmup_us_;
   to_us_ = std::numeric_limits<std::int64_t>::max();
   if (window.warmup_loops > 0 && !info.period_ns)
@@ -27,6 +27,7 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
     if (origin_us + duration_us > kMostTime_us)
       throw bad_input(source.name(), "loops", fmt::format("{:.0f} us", origin_us + duration_us),
                       fmt::format("at most {} us", kMostTime_us));
+    read_out_from_us_ = std::llround(window.warmup_loops * period_us_);
     from_us_ = std::llround(origin_us);
     to_us_ = from_us_ + std::llround(duration_us);
     // The last interval of the window needs two frames more.

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pecs
 import pytest
 from support.event_readers import HEIGHT, STREAMS, WIDTH, array, assert_same
@@ -26,6 +27,14 @@ def test_info(pecs_program, tmp_path):
     }
     words = pecs_program("info", tmp_path / "e.raw", check=True).stdout
     assert "evt3, 100x50 pixels, X1" in words and "1000 to 5000 us" in words
+
+
+def test_info_of_events_by_pixel(pecs_program, tmp_path):
+    """The first and the last event of the file are not those in time: the rate was another one."""
+    np.savez(tmp_path / "e.npz", t=[3001, 9001, 1001, 4007], x=[0, 0, 1, 1], y=[0] * 4, p=[1] * 4)
+    info = json.loads(pecs_program("info", tmp_path / "e.npz", "--json", check=True).stdout)
+    assert (info["t_first_us"], info["t_last_us"], info["time_reversals"]) == (1001, 9001, 1)
+    assert info["event_rate_hz"] == pytest.approx(500)
 
 
 def test_info_of_what_is_not_there(pecs_program, tmp_path):

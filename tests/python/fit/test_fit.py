@@ -117,6 +117,11 @@ def test_still_light_is_counted(tmp_path):
     found = load_still(Still(path, 0.0))
     assert found.on.mean() / found.seconds == pytest.approx(0.5, rel=0.08)
     assert found.off.mean() / found.seconds == pytest.approx(0.2, rel=0.12)
+    events = pecs.read(path)  # in another order, the first and the last one are not the recording's ends
+    events = events[np.lexsort((events["t"], events["x"], events["y"]))]
+    np.savez(tmp_path / "by_pixel.npz", **{k: events[k] for k in "txyp"}, width=events.width, height=events.height)
+    again = load_still(Still(tmp_path / "by_pixel.npz", 0.0))
+    assert again.seconds == found.seconds and (again.on == found.on).all() and (again.off == found.off).all()
 
 
 SLOW = {"readout_row_s": 2e-6, "readout_rate_hz": 2e7, "readout_vector_px": 4}

@@ -92,12 +92,15 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
     path, events = recording
     pecs.write(tmp_path / "none.raw", events[:0], W, H)
     pecs.write(tmp_path / "bare.csv", events)
+    by_pixel = events[np.lexsort((events["t"], events["x"]))]
+    np.savez(tmp_path / "by_pixel.npz", **{name: by_pixel[name] for name in "txyp"}, width=W, height=H)
     (tmp_path / "text.onnx").write_text("no network")
     (tmp_path / "there").mkdir()
     for words, code, line in (
         ((tmp_path / "no.raw", "-o", "x.mp4"), 3, "no.raw"),
         ((tmp_path / "text.onnx", "-o", tmp_path / "x.mp4"), 4, "text.onnx"),
         ((tmp_path / "none.raw", "-o", tmp_path / "x.mp4", "--method", "filter"), 4, "the file has no events"),
+        ((tmp_path / "by_pixel.npz", "-o", tmp_path / "x.mp4", "--method", "filter"), 4, "an event earlier than one"),
         ((path, "-o", tmp_path / "x.avi", "--method", "filter"), 5, "wanted .mp4"),
         ((path, "-o", tmp_path / "no/x.mp4", "--method", "filter"), 5, "cannot be written"),
         ((path, "-o", tmp_path / "there", "--method", "filter"), 5, "exists"),

@@ -210,3 +210,24 @@ def test_wrong_frames(args, code, words, moving, tmp_path, pecs_program):
 def test_a_chip_without_frames_takes_none_in_memory():
     with pytest.raises(pecs.PecsInputError, match="chip_frames: got chip imx636, wanted one with frames"):
         pecs.Sensor(8, 8, chip_frames=True)
+
+
+def test_light_that_is_none_is_the_last_light_of_frames_as_of_events():
+    """One value that is not finite made the pixel black in its frame."""
+    t_us, light = 1000.0 * np.arange(41), np.full((41, 4, 6), 0.25)
+    options = {"chip": CHIP, "chip_frames": True, "noise": False}
+    options["overrides"] = {"frame_exposure_s": 0.01, "frame_period_s": 0.02}
+    wanted = pecs.simulate(light, t_us, **options)[1].values
+    dark = np.where(np.arange(6) == 3, 0, light)
+    black = pecs.simulate(dark, t_us, **options)[1].values
+    light[7, 1, 2], light[3:9, 2, 2], light[25, 0, 0] = np.nan, np.inf, np.nan
+    light[:, :, 3] = -1
+    with pytest.warns(UserWarning, match="8 not finite, 164 negative"):
+        found = pecs.simulate(light, t_us, **options)[1].values
+    assert (
+        len(found) == 2
+        and 300 < wanted.min()
+        and wanted.max() < 1000
+        and np.array_equal(np.delete(found, 3, 2), np.delete(wanted, 3, 2))
+    )
+    assert np.array_equal(found[:, :, 3], black[:, :, 3])

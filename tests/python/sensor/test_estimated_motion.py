@@ -119,6 +119,24 @@ def test_rows_of_a_rolling_shutter_have_their_own_times(tmp_path, pecs_program):
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
 
 
+def test_a_rolling_shutter_leaves_the_dark_at_an_edge(tmp_path, pecs_program):
+    """A cubic fell to 0 next to an edge of 1 to 45, and a still background had more events than the edge."""
+    y, x = np.mgrid[:H, :W]
+
+    def bar(t_s):
+        covered = np.clip(x - 10 - 250 * t_s + 0.5, 0, 1) * np.clip(24.5 + 250 * t_s - x, 0, 1)
+        return (0.02 + 0.006 * np.sin(x / 2 + y)) * (1 - covered) + 0.9 * covered
+
+    for name, row_s in (("global", 0), ("rolling", 0.008 / (H - 1))):
+        (tmp_path / name).mkdir()
+        for i in range(FRAMES):
+            light = bar(i / FPS + row_s * (y - (H - 1) / 2)).astype(np.float32)
+            cv2.imwrite(str(tmp_path / name / f"{i}.tif"), light)
+    truth, _ = simulated(pecs_program, tmp_path / "global")
+    found, _ = simulated(pecs_program, tmp_path / "rolling", "--rolling-shutter", "8ms")
+    assert len(truth) > 5000 and len(found) == pytest.approx(len(truth), rel=0.25)
+
+
 def test_slow_motion_and_flicker_change_nothing(tmp_path, pecs_program):
     still = panned(0)
     for name, frames in {

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zlib
 
 import numpy as np
 import pecs
@@ -49,31 +50,63 @@ def boxes(data, begin, end):
         begin += size
 
 
-def with_durations(path, durations):
-    """Gives the frames of an MP4 file, whose index is at its end, these durations in ticks (ISO 14496-12, stts)."""
+def with_table(path, name, change):
+    """Replaces a table of an MP4 file, whose index is at its end, by change(its bytes without the header)."""
     data, begin, end, parents = path.read_bytes(), 0, path.stat().st_size, []
-    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
-        begin, end = next((b, e) for kind, b, e in boxes(data, begin, end) if kind == name)
+    for part in (b"moov", b"trak", b"mdia", b"minf", b"stbl", name):
+        begin, end = next((b, e) for kind, b, e in boxes(data, begin, end) if kind == part)
         parents.append(begin)
         begin += 8
-    runs = b"".join(struct.pack(">II", 1, d) for d in durations)
-    table = struct.pack(">I4sII", 16 + len(runs), b"stts", 0, len(durations)) + runs
-    out = bytearray(data[: begin - 8] + table + data[end:])
-    for at in parents[:-1]:
-        size = struct.unpack(">I", out[at : at + 4])[0] + len(table) - (end - begin + 8)
+    table = change(data[begin:end])
+    out = bytearray(data[:begin] + table + data[end:])
+    for at in parents:
+        size = struct.unpack(">I", out[at : at + 4])[0] + len(table) - (end - begin)
         out[at : at + 4] = struct.pack(">I", size)
     path.write_bytes(out)
 
 
-def test_variable_frame_rate(tmp_path, pecs_program):
+def with_durations(path, durations):
+    """Gives the frames of an MP4 file these durations in ticks (ISO 14496-12, stts)."""
+    runs = b"".join(struct.pack(">II", 1, d) for d in durations)
+    with_table(path, b"stts", lambda _: struct.pack(">II", 0, len(durations)) + runs)
+
+
+def with_transfer(path, curve):
+    """States a transfer curve of ITU-T H.273 (ISO 14496-12, colr)."""
+    colour = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, 9, 0)
+
+    def change(table):
+        (size,) = struct.unpack(">I", table[8:12])
+        return table[:8] + struct.pack(">I", size + len(colour)) + table[12 : 8 + size] + colour + table[8 + size :]
+
+    with_table(path, b"stsd", change)
+
+
+def encode(path):
     cv2 = pytest.importorskip("cv2")
-    path = tmp_path / "v.mp4"
     video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
     if not video.isOpened():
         pytest.skip("needs an MPEG-4 encoder")
     for frame in FRAMES:
         video.write(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
     video.release()
+
+
+def test_video_of_high_dynamic_range(tmp_path, pecs_program):
+    """As phones record it: its values are not sRGB."""
+    for curve, name in ((1, None), (16, "PQ"), (18, "HLG")):
+        path = tmp_path / f"{curve}.mp4"
+        encode(path)
+        with_transfer(path, curve)
+        if name:
+            refused(pecs_program, path, f"{curve}.mp4: transfer curve: got {name} (high dynamic range), wanted BT.709")
+        simulated(pecs_program, path, tmp_path / "o.npz", "--no-flow", *(("--colorspace", "srgb") if name else ()))
+
+
+def test_variable_frame_rate(tmp_path, pecs_program):
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / "v.mp4"
+    encode(path)
     constant = simulated(pecs_program, path, tmp_path / "c.npz", "--no-flow")
     assert json.loads((tmp_path / "c.npz.run.json").read_text())["config"]["input"] == "video"
     capture = cv2.VideoCapture(str(path))
@@ -212,6 +245,48 @@ def test_transparent_pictures_have_no_light(tmp_path, pecs_program, kind):
             picture.save(tmp_path / name / f"{i}.{end}", **more)
     refused(pecs_program, tmp_path / "clear", f"0.{end}: alpha: got ", "--fps", 100)
     simulated(pecs_program, tmp_path / "opaque", tmp_path / "o.npz", "--fps", 1000)
+
+
+def srgb_of(values):
+    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)
+
+
+@pytest.mark.parametrize("white", [100, 1023, 4095, 65535])
+def test_the_greatest_value_of_a_pgm_is_white(tmp_path, pecs_program, white):
+    """Cameras of 10 and 12 bits write it. Taken as 16 bits, their light was linear and 1/16 as bright."""
+    kind = np.dtype(">u2" if white > 255 else "u1")
+    for i, frame in enumerate(FRAMES):
+        header = f"P5 # {i}\n#\n{W} {H}\n{white}\n".encode()
+        (tmp_path / f"{i}.pgm").write_bytes(header + np.round(white * srgb_of(frame)).astype(kind).tobytes())
+    found = simulated(pecs_program, tmp_path, tmp_path / "o.npz", "--fps", 1000, "--no-flow")
+    wanted = pecs.simulate(FRAMES, 1000 * np.arange(N), "ideal")
+    assert len(found) == pytest.approx(len(wanted), rel=0.05) and len(wanted) > 1000
+
+
+def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
+    """Integers that are neither of 8 nor of 16 bits were linear light of up to 2^31; pages behind the first one, a
+    file's own gamma and its inversion had no effect."""
+    image, cv2 = pytest.importorskip("PIL.Image"), pytest.importorskip("cv2")
+    deep = np.round(65535 * srgb_of(FRAMES[0])).astype(np.uint16)
+    for name in ("signed", "long", "pages", "inverse", "linear"):
+        (tmp_path / name).mkdir()
+    cv2.imwrite(str(tmp_path / "signed/0.tif"), (deep // 2).astype(np.int16))
+    cv2.imwrite(str(tmp_path / "long/0.tif"), deep.astype(np.int32))
+    pages = [image.fromarray(deep) for _ in range(3)]
+    pages[0].save(tmp_path / "pages/0.tif", save_all=True, append_images=pages[1:])
+    pages[0].save(tmp_path / "inverse/0.tif", tiffinfo={262: 0})
+    png, gamma = cv2.imencode(".png", deep)[1].tobytes(), b"gAMA" + struct.pack(">I", 100_000)
+    gamma = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
+    (tmp_path / "linear/0.png").write_bytes(png[:33] + gamma + png[33:])
+    for name, words in {
+        "signed": "0.tif: values: got CV_16S, wanted unsigned integers of 8 or 16 bits, or floating point",
+        "long": "0.tif: values: got CV_32S, wanted",
+        "pages": "0.tif: got several pictures, wanted one",
+        "inverse": "0.tif: photometric: got white is 0, wanted black is 0",
+        "linear": "0.png: gAMA: got gamma 1, wanted 2.2, or --colorspace",
+    }.items():
+        refused(pecs_program, tmp_path / name, words, "--fps", 1000)
+    refused(pecs_program, tmp_path / "linear", "frames: got 1", "--fps", 1000, "--colorspace", "linear")
 
 
 # --- OpenEXR ----------------------------------------------------------------------------------------------------------

@@ -92,3 +92,14 @@ def test_a_periodic_stack_has_loops_for_it(tmp_path):
     folder = write(tmp_path / "s", period_ns=24_000_000)
     with pytest.raises(pecs.PecsInputError, match="--warmup: got 5000 us, wanted --warmup-loops for a periodic stack"):
         pecs.sense(folder, tmp_path / "e.raw", warmup_us=5_000)
+
+
+def test_a_later_window_has_the_events_of_the_whole(tmp_path):
+    """Also after a warm-up, the readout is busy when the window begins; it began with an idle one."""
+    folder = write(tmp_path / "s", frames=21, change=lambda i, values: ramp(8 * i, values), size=(12, 16))
+    options = {"chip": "davis346", "warmup_us": 5000, "overrides": {"readout_rate_hz": 2e4}}
+    pecs.sense(folder, tmp_path / "all.npz", **options)
+    pecs.sense(folder, tmp_path / "part.npz", start_us=9050, duration_us=4000, **options)
+    whole, part = pecs.read(tmp_path / "all.npz"), pecs.read(tmp_path / "part.npz")
+    whole["t"] -= 9050
+    assert np.array_equal(part, whole[(whole["t"] >= 0) & (whole["t"] < 4000)]) and len(part) > 20

@@ -29,8 +29,8 @@ class Timeline {
   Timeline(FrameSource& source, const Window& window);
 
   bool loops() const { return period_us_ > 0; }
-  // Whether events before the window are those of a warm-up, which the readout does not take.
-  bool warms_up() const { return loops() || warmup_us_ > 0; }
+  // When the readout begins: events of a warm-up are not read.
+  std::int64_t read_out_from_us() const { return read_out_from_us_; }
   std::int64_t warmup_us() const { return warmup_us_; }
   // Frames in the order of time: how many are needed, which one, when.
   std::int64_t steps() const { return steps_; }
@@ -51,7 +51,7 @@ class Timeline {
   FrameSource& source_;
   double period_us_ = 0;  // of a loop
   std::int64_t steps_ = 0;
-  std::int64_t from_us_ = 0, to_us_ = 0, warmup_us_ = 0;
+  std::int64_t from_us_ = 0, to_us_ = 0, warmup_us_ = 0, read_out_from_us_ = 0;
   std::vector<std::string> warnings_;
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 // Statistics of a stream for `pecs info`, gathered block by block.
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <span>
 
@@ -11,14 +12,16 @@ namespace pecs::events {
 
 struct Summary {
   std::uint64_t events = 0, on = 0;
-  std::uint64_t time_reversals = 0;  // events earlier than the one before
-  std::optional<std::int64_t> t_first_us, t_last_us;
+  std::uint64_t time_reversals = 0;                                   // events earlier than the one before
+  std::int64_t before_us = std::numeric_limits<std::int64_t>::min();  // time of the last event
+  std::optional<std::int64_t> t_first_us, t_last_us;                  // the least and the greatest
 
   void add(std::span<const Event> block) {
     for (const Event& e : block) {
-      time_reversals += t_last_us && e.t_us < *t_last_us;
-      if (!t_first_us) t_first_us = e.t_us;
-      t_last_us = e.t_us;
+      time_reversals += e.t_us < before_us;
+      before_us = e.t_us;
+      t_first_us = std::min(t_first_us.value_or(e.t_us), e.t_us);
+      t_last_us = std::max(t_last_us.value_or(e.t_us), e.t_us);
       on += e.p;
     }
     events += block.size();

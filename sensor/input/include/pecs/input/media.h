@@ -18,13 +18,16 @@ struct VideoFrames {
   double pixel_aspect = 1;             // width of a pixel over its height
 };
 
+struct VideoIndex {
+  std::vector<double> times_ms;  // of all frames that can be decoded, in the order of display; NaN: the file has none
+  std::string high_range;        // name of the transfer curve (HLG, PQ); empty: none of high dynamic range
+};
+
 struct Media {
   cv::Mat (*read_picture)(const std::string& path, int imread_flags);  // empty where OpenCV cannot read it
   std::vector<std::uint8_t> (*png_of)(const cv::Mat& picture);
   VideoFrames (*open_video)(const std::string& path);
-  // Of all frames that can be decoded, in the order of display, as the file has them; NaN where it has none. Empty: no
-  // video that FFmpeg can read.
-  std::vector<double> (*frame_times_ms)(const std::string& path);
+  VideoIndex (*index_video)(const std::string& path);  // empty: no video that FFmpeg can read
   // Appends frames; its end closes the file. codec: FOURCC; empty where no such encoder opens.
   std::function<void(const cv::Mat&)> (*video_writer)(const std::string& path, const std::string& codec, double fps,
                                                       int width, int height);
