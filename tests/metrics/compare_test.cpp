@@ -84,15 +84,6 @@ TEST(Compare, ASimilarStreamIsBelowTheFloorAndNoiseIsAboveIt) {
   EXPECT_GT(noise.distance.chamfer(), 2 * like.floor->chamfer());
 }
 
-TEST(Compare, TheFloorDependsOnTheSeedOnly) {
-  const auto a = stream_of(random_events(3000, 1)), b = stream_of(random_events(3000, 2));
-  const auto first = compare(a, "r", b, "s", {.seed = 1}), again = compare(a, "r", b, "s", {.seed = 1});
-  const auto other = compare(a, "r", b, "s", {.seed = 2});
-  EXPECT_EQ(to_json(first), to_json(again));
-  EXPECT_NE(first.floor->chamfer(), other.floor->chamfer());
-  EXPECT_EQ(first.distance.chamfer(), other.distance.chamfer());
-}
-
 TEST(Compare, RejectsEmptyStreamsAndOtherSensorsAndWarnsOfOnePolarity) {
   const auto a = stream_of(random_events(300, 1));
   EXPECT_EQ(error_of(a, stream_of({})), "sim.raw: got 0 events, wanted at least 1");
