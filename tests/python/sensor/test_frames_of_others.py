@@ -3,6 +3,7 @@
 import json
 import struct
 
+import cv2
 import numpy as np
 import pecs
 import pytest
@@ -66,7 +67,6 @@ def with_durations(path, durations):
 
 
 def test_variable_frame_rate(tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     path = tmp_path / "v.mp4"
     video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
     if not video.isOpened():
@@ -119,7 +119,6 @@ def test_a_video_with_b_frames(tmp_path, pecs_program):
 
 
 def write_pictures(folder, names):
-    cv2 = pytest.importorskip("cv2")
     folder.mkdir()
     for i, name in enumerate(names):
         cv2.imwrite(str(folder / name), FRAMES[i])
