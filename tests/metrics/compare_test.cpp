@@ -22,12 +22,7 @@ Stream stream_of(std::vector<Event> events, int width = 64, int height = 48) {
 }
 
 std::string error_of(const Stream& real, const Stream& sim, const CompareOptions& options = {}) {
-  try {
-    compare(real, "real.raw", sim, "sim.raw", options);
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "no error";
+  return pecs::tests::error_of([&] { compare(real, "real.raw", sim, "sim.raw", options); });
 }
 
 TEST(Compare, WindowCountsFromEachStreamsFirstEvent) {
