@@ -10,6 +10,7 @@
 #include "pecs/error.h"
 #include "pecs/sensor/sensor.h"
 #include "random_events.h"
+#include "shared.h"
 
 namespace pecs::calibration {
 namespace {
@@ -89,13 +90,10 @@ void expect_found(const Scene& scene, const BoardSearch& search, std::size_t vie
 }
 
 std::string refusal(const std::function<void()>& f) {
-  try {
-    f();
-  } catch (const Error& e) {
-    EXPECT_EQ(e.code(), ExitCode::bad_input);
-    return e.what();
-  }
-  return "nothing thrown";
+  ExitCode code{};
+  const std::string line = pecs::tests::error_of(f, &code);
+  EXPECT_EQ(code, ExitCode::bad_input);
+  return line;
 }
 
 TEST(Board, CornersOfAMovingCheckerboard) {

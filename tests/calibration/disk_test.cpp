@@ -90,13 +90,8 @@ TEST(Disk, ErrorsAreWithinTheDeviations) {
 
 TEST(Disk, NoiseIsAnErrorWithTheBestCandidate) {
   for (const auto& events : {tests::random_events(30'000, 1, 320, 240), tests::random_events(500, 1, 320, 240)}) {
-    try {
-      find_disk(events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX), "x.raw");
-      FAIL() << "found a disk in noise";
-    } catch (const Error& e) {
-      EXPECT_EQ(e.code(), ExitCode::bad_input);
-      EXPECT_NE(std::string(e.what()).find("nothing found"), std::string::npos);
-    }
+    const events::Recording noise = events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX);
+    pecs::tests::expect_error([&] { find_disk(noise, "x.raw"); }, ExitCode::bad_input, "nothing found");
   }
 }
 

@@ -35,13 +35,7 @@ TEST_F(DataDir, KeepsAPath) {
 }
 
 TEST_F(DataDir, UnknownNameListsTheAvailable) {
-  try {
-    find_data("room/things", "two");
-    FAIL();
-  } catch (const Error& e) {
-    EXPECT_EQ(e.code(), ExitCode::not_found);
-    EXPECT_NE(std::string(e.what()).find("one"), std::string::npos) << e.what();
-  }
+  pecs::tests::expect_error([] { find_data("room/things", "two"); }, ExitCode::not_found, "one");
 }
 
 TEST_F(DataDir, FindsTheCheckoutAboveTheProgram) {

@@ -2,10 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include "pecs/error.h"
 #include "pecs/text.h"
+#include "shared.h"
 
 namespace fs = std::filesystem;
+using pecs::tests::error_of;
 
 class Files : public testing::Test {
  protected:
@@ -36,12 +37,7 @@ TEST_F(Files, AFullDiskIsAnError) {
   fs::create_symlink("/dev/full", dir_ / "b.txt");
   pecs::AtomicFile file(dir_ / "b.txt");
   file.write("x");
-  try {
-    file.commit();
-    FAIL() << "no error";
-  } catch (const pecs::Error& e) {
-    EXPECT_EQ(e.code(), pecs::ExitCode::bad_output);
-  }
+  pecs::tests::expect_error([&] { file.commit(); }, pecs::ExitCode::bad_output, "b.txt");
   EXPECT_TRUE(fs::is_symlink(dir_ / "b.txt")) << "written through, not replaced";
 }
 
@@ -91,24 +87,11 @@ TEST_F(Files, MissingAndTooLargeFilesAreNamed) {
   EXPECT_THROW(pecs::read_text(dir_ / "c", 10), pecs::Error);
 }
 
-namespace {
-
-std::string refusal(const std::function<void()>& f) {
-  try {
-    f();
-  } catch (const pecs::Error& e) {
-    return e.what();
-  }
-  return "";
-}
-
-}  // namespace
-
 TEST_F(Files, OneWriterAtATime) {
   const fs::path path = dir_ / "d";
   pecs::AtomicFile first(path);
   first.write("first");
-  EXPECT_NE(refusal([&] { pecs::AtomicFile second(path); }).find("another process"), std::string::npos);
+  EXPECT_NE(error_of([&] { pecs::AtomicFile second(path); }).find("another process"), std::string::npos);
   first.commit();
   EXPECT_EQ(pecs::read_text(path, 10), "first");
   pecs::AtomicFile third(path);
@@ -125,9 +108,9 @@ TEST_F(Files, SpecialFilesAreErrors) {
   fs::create_symlink("c", dir_ / "e.partial");
   fs::create_directory(dir_ / "f.partial");
   for (const char* name : {"folder", "dangling", "loop", "e", "f", "none/x"})
-    EXPECT_NE(refusal([&] { pecs::AtomicFile file(dir_ / name); }).find("cannot be written"), std::string::npos)
+    EXPECT_NE(error_of([&] { pecs::AtomicFile file(dir_ / name); }).find("cannot be written"), std::string::npos)
         << name;
-  EXPECT_NE(refusal([&] { pecs::AtomicFile file(""); }), "");
+  EXPECT_NE(error_of([&] { pecs::AtomicFile file(""); }), "");
 }
 
 TEST_F(Files, OutputsAreNeitherInputsNorDuplicates) {
@@ -138,12 +121,12 @@ TEST_F(Files, OutputsAreNeitherInputsNorDuplicates) {
   };
   const fs::path input = write("in"), frame = write("frame_000000.exr"), old = write("old.raw");
   fs::create_hard_link(input, dir_ / "same");
-  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {input}); }).find("the input itself"), std::string::npos);
-  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {dir_ / "same"}); }), "");
-  EXPECT_NE(refusal([&] { pecs::check_outputs({write("x.partial")}, {dir_ / "x"}); }), "");
-  EXPECT_NE(refusal([&] { pecs::check_outputs({input}, {dir_ / "new", dir_ / "." / "new"}); }), "");
-  EXPECT_NE(refusal([&] { pecs::check_outputs({dir_}, {frame}); }).find("input folder"), std::string::npos);
-  EXPECT_EQ(refusal([&] { pecs::check_outputs({input, dir_}, {old, dir_ / "new", "", ""}); }), "");
+  EXPECT_NE(error_of([&] { pecs::check_outputs({input}, {input}); }).find("the input itself"), std::string::npos);
+  EXPECT_NE(error_of([&] { pecs::check_outputs({input}, {dir_ / "same"}); }), "");
+  EXPECT_NE(error_of([&] { pecs::check_outputs({write("x.partial")}, {dir_ / "x"}); }), "");
+  EXPECT_NE(error_of([&] { pecs::check_outputs({input}, {dir_ / "new", dir_ / "." / "new"}); }), "");
+  EXPECT_NE(error_of([&] { pecs::check_outputs({dir_}, {frame}); }).find("input folder"), std::string::npos);
+  EXPECT_EQ(error_of([&] { pecs::check_outputs({input, dir_}, {old, dir_ / "new", "", ""}); }), "");
 }
 
 TEST(Errors, AreOneLineOfPrintableText) {

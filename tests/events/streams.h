@@ -12,6 +12,7 @@
 
 #include "pecs/error.h"
 #include "pecs/events/format.h"
+#include "shared.h"
 
 namespace pecs::tests {
 
@@ -120,16 +121,6 @@ inline std::vector<char> bytes_of(const std::filesystem::path& path) {
 
 inline void write_bytes(const std::filesystem::path& path, const std::vector<char>& bytes) {
   std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-}
-
-inline std::string error_of(const std::function<void()>& f, ExitCode* code = nullptr) {
-  try {
-    f();
-  } catch (const Error& e) {
-    if (code) *code = e.code();
-    return e.what();
-  }
-  return "";
 }
 
 }  // namespace pecs::tests

@@ -101,13 +101,5 @@ TEST(ImageMap, AxesAndPixelCentres) {
   EXPECT_LT(shifted.direction_from_pixel({50.5, 25.5})->x, 0);
 }
 
-TEST(ImageMap, EndsWhereTheLensDoes) {
-  const ImageMap map(load_prescription("cmount_8mm_f2p8"), {.width_px = 8000, .height_px = 6000});
-  EXPECT_TRUE(map.direction_from_pixel({4000, 3000}));
-  EXPECT_FALSE(map.direction_from_pixel({0, 0}));
-  EXPECT_FALSE(map.pixel_from_direction({0, 0, -1}));
-  EXPECT_FALSE(map.pixel_from_direction({std::nan(""), 0, 1}));
-}
-
 }  // namespace
 }  // namespace pecs::lens

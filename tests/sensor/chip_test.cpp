@@ -15,12 +15,7 @@ namespace pecs::sensor {
 namespace {
 
 std::string refusal(const std::string& chip, const std::vector<std::string>& overrides = {}) {
-  try {
-    load_chip(chip, overrides);
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "";
+  return pecs::tests::error_of([&] { load_chip(chip, overrides); });
 }
 
 }  // namespace
@@ -70,13 +65,10 @@ TEST(Chip, BiasesScaleThresholds) {
 TEST(Chip, BiasesThatCannotBeMapped) {
   const auto said = [](const BiasSettings& biases, const std::vector<std::string>& overrides = {},
                        const char* chip = "imx636") -> std::string {
-    try {
-      load_chip(chip, overrides, biases);
-    } catch (const Error& e) {
-      EXPECT_EQ(e.code(), ExitCode::usage);
-      return e.what();
-    }
-    return "";
+    ExitCode code{};
+    const std::string line = pecs::tests::error_of([&] { load_chip(chip, overrides, biases); }, &code);
+    EXPECT_EQ(code, ExitCode::usage);
+    return line;
   };
   EXPECT_NE(said({{"fo", 10}}).find("--set amplifier_cutoff_hz"), std::string::npos);
   EXPECT_NE(said({{"refr", 10}}).find("--set refractory_period_s"), std::string::npos);
@@ -103,14 +95,8 @@ TEST(Chip, BiasFiles) {
             wanted);
   EXPECT_EQ(ignored, std::vector<std::string>{"afk_state"});
   for (const char* wrong : {"0 % bias_fo\n35 bias_diff_on\n", "0 % bias_fo\nx % bias_fo\n", "0 % bias_fo\n3 %\n",
-                            "0 % bias_fo\n3 % bias_\n"}) {
-    try {
-      read("a.bias", wrong);
-      ADD_FAILURE() << wrong;
-    } catch (const Error& e) {
-      EXPECT_NE(std::string(e.what()).find("a.bias: line 2"), std::string::npos) << e.what();
-    }
-  }
+                            "0 % bias_fo\n3 % bias_\n"})
+    pecs::tests::expect_error([&] { read("a.bias", wrong); }, ExitCode::bad_input, "a.bias: line 2");
   EXPECT_THROW(read("a.bias", "1 % bias_fo\n2 % bias_fo\n"), Error);
   EXPECT_THROW(read("a.json", R"({"roi_state": {}})"), Error);
   EXPECT_THROW(read_bias_file(folder / "none.bias", ignored), Error);

@@ -72,36 +72,5 @@ TEST(EventSorter, PixelsOfEveryWidth) {
   }
 }
 
-// More than a chunk holds, in pieces that leave its end free.
-TEST(EventSlots, RoomIsWithinASlot) {
-  EventSlots slots;
-  const std::vector<EventKey> edges{0, event_key(1000, 0, false), event_key(2000, 0, false)};
-  std::mt19937 random(2);
-  for (int batch = 0; batch < 3; ++batch) {
-    slots.begin(edges);
-    EXPECT_EQ(slots.end_of_slot(edges[1] - 1), edges[1]);
-    EXPECT_EQ(slots.end_of_slot(edges[1]), edges[2]);
-    std::vector<EventKey> all;
-    for (int piece = 0; piece < 9; ++piece) {
-      std::vector<EventKey> keys = random_keys(random, 700, 1000, 1999);
-      std::ranges::copy(keys, slots.room(keys.size(), event_key(1500, 0, false)));
-      all.insert(all.end(), keys.begin(), keys.end());
-    }
-    EXPECT_EQ(slots.count(0), 0u);
-    ASSERT_EQ(slots.count(1), all.size());
-    std::vector<EventKey> later;
-    slots.take_later(1, event_key(1500, 0, false), later);
-    const auto rest = std::ranges::stable_partition(all, [](EventKey key) { return key_time_us(key) < 1500; });
-    EXPECT_TRUE(std::ranges::equal(later, rest));
-    std::vector<std::span<const EventKey>> parts;
-    slots.find(1, parts);
-    std::vector<EventKey> left;
-    for (const auto part : parts) left.insert(left.end(), part.begin(), part.end());
-    EXPECT_TRUE(std::equal(left.begin(), left.end(), all.begin(), rest.begin()));
-    slots.clear(1);
-    EXPECT_EQ(slots.count(1), 0u);
-  }
-}
-
 }  // namespace
 }  // namespace pecs::sensor

@@ -28,7 +28,7 @@ const std::vector<double> kSpacings_us{10'000, 2'000, 500, 100, 25};
 
 bool long_tests() { return std::getenv("PECS_LONG_TESTS") != nullptr; }
 
-// Without what is independent of light (background events, hot pixels): pixel_test.cpp.
+// Without what is independent of light: background events (tests/python/sensor/test_recording.py), hot pixels.
 Chip noisy(const std::string& name) {
   Chip chip = load_chip(name);
   if (chip.amplifier_cutoff_hz == 0) chip.amplifier_cutoff_hz = 3000;  // profiles without one

@@ -2,8 +2,6 @@
 #include "pecs/sensor/motion.h"
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
@@ -278,21 +276,6 @@ TEST(Motion, WildNumbersDoNoHarm) {
   }
 }
 
-TEST(Motion, BoxesHaveTheWholePicturesLight) {
-  const Carrier carrier(Block::layer(), kWidth, kHeight);
-  const Plane a = Block::light(0), b = Block::light(1), whole = carry(carrier, a, b, 0.4);
-  Plane out(kPixels, -1);
-  const float *first = a.data(), *second = b.data();
-  float* const to = out.data();
-  const double s = 0.4;
-  const Box boxes[] = {{50, 30, 70, 41}, {kWidth - 3, 0, kWidth, kHeight}};
-  CarriedLight(carrier, {&first, 1}, {&second, 1}).planes({&s, 1}, {&to, 1}, boxes);
-  for (const Box& box : boxes)
-    for (int y = box.y0; y < box.y1; ++y)
-      for (int x = box.x0; x < box.x1; ++x) EXPECT_EQ(out[at(x, y)], whole[at(x, y)]);
-  EXPECT_GT(std::ranges::count(out, -1.0f), 0);  // the rest was not computed
-}
-
 TEST(Motion, LightStaysLight) {
   const Motion m = rotation(0.1);
   const auto steps = [&](double t) {  // of 1 to 1000, and nothing
@@ -318,48 +301,6 @@ TEST(Motion, OpticalFlowDoes) {
   }
   EXPECT_THROW(Carrier(Plane(3 * kPixels), kWidth, kHeight), Error);
   EXPECT_THROW(Carrier(Plane(kPixels * 2 - 1), kWidth, kHeight), Error);
-}
-
-TEST(Motion, ThreadsChangeNothing) {
-  const Motion m = rotation(0.25);
-  Plane motion = layer(m), block = Block::layer();
-  std::vector<Plane> results;
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 4);
-  for (const int threads : {1, 4}) {
-    tbb::task_arena arena(threads);
-    arena.execute([&] {
-      results.push_back(carry(Carrier(motion, kWidth, kHeight), light(m, 0), light(m, 1), 0.3));
-      results.push_back(carry(Carrier(block, kWidth, kHeight), Block::light(0), Block::light(1), 0.3));
-    });
-  }
-  EXPECT_TRUE(same_bits(results[0], results[2]));
-  EXPECT_TRUE(same_bits(results[1], results[3]));
-}
-
-TEST(Motion, LabelsAreTheSameOneByOne) {
-  const Carrier carrier(Block::layer(), kWidth, kHeight);
-  std::vector<std::int32_t> planes[2];
-  for (const int t : {0, 1})
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) planes[t].push_back(Block::inside(x, y, t) ? -5 : 1 + x / 75);
-  std::vector<Carrier::Sight> sights;
-  for (const double s : {0.25, 0.8})
-    for (std::int32_t i = 0; i < static_cast<std::int32_t>(kPixels); ++i) sights.push_back({i, s});
-  std::vector<std::int32_t> all(sights.size()), mixed(sights.size());
-  carrier.labels(planes[0].data(), planes[1].data(), sights, all);
-  for (std::size_t i = 0; i < sights.size(); ++i) {  // 5 and 16 px on
-    const int x = sights[i].pixel % kWidth, y = sights[i].pixel / kWidth;
-    ASSERT_EQ(all[i], Block::inside(x, y, sights[i].fraction) ? -5 : 1 + x / 75) << x << ' ' << y;
-  }
-  // Another order, other threads.
-  std::vector<Carrier::Sight> order(2000);
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = sights[i * 7919 % sights.size()];
-  tbb::task_arena(1).execute([&] { carrier.labels(planes[0].data(), planes[1].data(), order, mixed); });
-  for (std::size_t i = 0; i < order.size(); ++i) ASSERT_EQ(mixed[i], all[i * 7919 % sights.size()]);
-  const Carrier::Sight single{40 * kWidth + 60, 0.25};
-  std::int32_t one = 0;
-  carrier.labels(planes[0].data(), planes[1].data(), {&single, 1}, {&one, 1});
-  EXPECT_EQ(one, -5);
 }
 
 TEST(Sensor, AnErrorInALaterFrameLosesNoEvents) {

@@ -159,69 +159,6 @@ TEST(Pixel, StepResponseAgainstTheLogisticCurve) {
   }
 }
 
-// Light that varies all the time, at three speeds of the photoreceptor, without and with an amplifier, against
-// Runge-Kutta at 1/100 of the frames.
-TEST(Pixel, MovingLightAgainstRungeKutta) {
-  for (const auto& [light, cutoff_hz] :
-       {std::pair{1.5, 0.0}, {100.0, 0.0}, {3000.0, 0.0}, {1.5, 200.0}, {100.0, 4600.0}, {3000.0, 300.0}}) {
-    Chip chip = quiet_imx636();
-    chip.amplifier_cutoff_hz = cutoff_hz;
-    chip.refractory_period_s = 0;
-    const double a_per_us = 2 * std::numbers::pi * chip.corner_hz_per_a * 1e-21;
-    const auto current = [&](double t) { return light * std::exp(1.2 * std::sin(t * 2 * std::numbers::pi / 40000)); };
-    const Clip clip = make_clip(1, 1, 2001, 100, [&](int, int, double t) { return current(t); });
-    std::vector<double> expected;
-    const double dark = chip.dark_current_a * 1e15;
-    double u = current(0) + dark, y = std::log(u), reference = y;
-    const double kept = std::exp(-2e-6 * std::numbers::pi * cutoff_hz);  // of V - y in 1 us
-    for (double t = 0; t < 200000; t += 1) {
-      const auto slope = [&](double s, double v) { return a_per_us * v * (current(s) + dark - v); };
-      const double k1 = slope(t, u), k2 = slope(t + 0.5, u + 0.5 * k1), k3 = slope(t + 0.5, u + 0.5 * k2);
-      const double before = std::log(u);
-      u += (k1 + 2 * k2 + 2 * k3 + slope(t + 1, u + k3)) / 6;
-      const double v = std::log(u);
-      const double lag = cutoff_hz > 0 ? (before - v) / std::log(kept) : 0;  // V is straight within 1 us
-      y = cutoff_hz > 0 ? v - lag + (y - before + lag) * kept : v;
-      const double d = y - reference;
-      if (d >= chip.contrast_threshold_on || d <= -chip.contrast_threshold_off) {
-        expected.push_back(t + 0.5);
-        reference += d > 0 ? chip.contrast_threshold_on : -chip.contrast_threshold_off;
-      }
-    }
-    const auto events = run(chip, clip);
-    ASSERT_EQ(events.size(), expected.size()) << light;
-    ASSERT_GT(events.size(), 2u);
-    // Compare away from the turning points, where a crossing's time is ill-defined.
-    std::vector<double> errors;
-    for (std::size_t i = 0; i < events.size(); ++i)
-      errors.push_back(std::abs(static_cast<double>(events[i].t_us) - expected[i]));
-    std::ranges::sort(errors);
-    EXPECT_LT(errors[errors.size() / 2], 1.5) << light;
-    EXPECT_LT(errors.back(), 60) << light;
-  }
-}
-
-TEST(Pixel, StillSceneGivesNothingWithoutNoise) {
-  const Clip still = make_clip(97, 31, 50, 333, [](int x, int y, double) { return 1e-3 * (1 + x * y); });
-  EXPECT_TRUE(run(quiet_imx636(), still).empty());
-  EXPECT_TRUE(run(load_chip("ideal"), still).empty());
-}
-
-TEST(Pixel, ThreadsAndBatchesChangeNothing) {
-  const Clip clip = make_clip(101, 97, 61, 333.3, bars);
-  for (const char* name : {"imx636", "ideal"}) {
-    Chip chip = load_chip(name);
-    if (chip.background_on_hz > 0) chip.background_on_hz = chip.background_off_hz = 20;
-    const auto events = run(chip, clip);
-    ASSERT_GT(events.size(), 1000u);
-    for (std::size_t i = 1; i < events.size(); ++i) ASSERT_GE(events[i].t_us, events[i - 1].t_us);
-    EXPECT_EQ(events, run(chip, clip, 1, 1000, 1));
-    EXPECT_EQ(events, run(chip, clip, 1, 7, 7));
-    EXPECT_EQ(events, run(chip, clip, 1, 1, 2));
-  }
-  EXPECT_NE(run(load_chip("imx636"), clip), run(load_chip("imx636"), clip, 2));
-}
-
 TEST(Pixel, MismatchShowsInTheFirstEvent) {
   Chip chip = load_chip("ideal", {"threshold_mismatch=0.16"});
   const double rate = 1e-4;
@@ -238,43 +175,6 @@ TEST(Pixel, MismatchShowsInTheFirstEvent) {
   ASSERT_GT(n, 11900);
   EXPECT_NEAR(sum / n, 0, 0.16 * 4 / std::sqrt(n));
   EXPECT_NEAR(std::sqrt(square / n), 0.16, 0.16 * 4 / std::sqrt(2 * n));
-}
-
-TEST(Pixel, BackgroundIsPoissonAtItsRates) {
-  Chip chip = quiet_imx636();
-  chip.background_on_hz = 3;
-  chip.background_off_hz = 5;
-  const Clip still = make_clip(100, 100, 101, 10000, [](int, int, double) { return 1.0; });
-  const auto events = run(chip, still);
-  std::map<int, int> per_pixel;
-  double on = 0;
-  for (const Event& e : events) {
-    ++per_pixel[e.y * 100 + e.x];
-    on += e.p;
-  }
-  const auto n = static_cast<double>(events.size());
-  EXPECT_NEAR(on, 3e4, 4 * std::sqrt(3e4));
-  EXPECT_NEAR(n - on, 5e4, 4 * std::sqrt(5e4));
-  double square = 0;
-  for (int i = 0; i < 10000; ++i) square += (per_pixel[i] - 8) * (per_pixel[i] - 8);
-  EXPECT_NEAR(square / 10000, 8, 8 * 4 * std::sqrt(2.0 / 10000));  // variance = mean
-  // Not clumped at the frames.
-  double early = 0;
-  for (const Event& e : events) early += e.t_us % 10000 < 1000;
-  EXPECT_NEAR(early / n, 0.1, 4 * std::sqrt(0.1 / n));
-}
-
-// Photon noise: the reference of a fresh pixel is V + n(0); with thresholds far away nothing happens, with thresholds
-// of one standard deviation of the difference, the fraction of pixels that fire late is known from the process.
-TEST(Pixel, ValuesThatAreNoLightAreHeld) {
-  Clip clip = make_clip(10, 2, 9, 1000, [](int, int, double) { return 2.0; });
-  clip.frames[3][4] = std::numeric_limits<float>::quiet_NaN();
-  clip.frames[4][5] = std::numeric_limits<float>::infinity();
-  EXPECT_TRUE(run(load_chip("ideal"), clip).empty());
-  clip.frames[5][6] = -1;  // darkness, and light again
-  const auto events = run(load_chip("ideal"), clip);
-  EXPECT_FALSE(events.empty());
-  for (const Event& e : events) EXPECT_EQ(e.x, 6);
 }
 
 TEST(Pixel, TimesMustRise) {

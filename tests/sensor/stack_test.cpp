@@ -14,6 +14,7 @@
 #include "pecs/error.h"
 #include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/sense.h"
+#include "shared.h"
 
 namespace pecs::sensor {
 namespace {
@@ -28,13 +29,7 @@ class Stack : public testing::Test {
     fs::create_directories(dir_);
   }
   std::string refusal() const {
-    try {
-      StackReader(dir_, {100, {}, {}}).read_frame(0);
-    } catch (const Error& e) {
-      EXPECT_EQ(std::string(e.what()).find('\n'), std::string::npos);
-      return e.what();
-    }
-    return "";
+    return pecs::tests::error_of([&] { StackReader(dir_, {100, {}, {}}).read_frame(0); });
   }
   fs::path frame() const { return dir_ / "frame_000000.exr"; }
 

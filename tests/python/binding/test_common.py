@@ -13,7 +13,6 @@ from pecs._config import Fields, parse_json, read_json
 from pecs._errors import ExitCode, PecsError, bad_input, one_line
 from pecs._files import whole, write_json
 from pecs._platform import die_with_parent
-from pecs._progress import Progress
 
 
 def fields(text):
@@ -82,15 +81,6 @@ def test_errors():
     again = pickle.loads(pickle.dumps(PecsError("why", 6)))
     assert str(again) == "why" and again.code == 6 and PecsOutputError("x").code == 5
     assert one_line("a\nb\x7f") == "a\\x0ab\\x7f"
-
-
-def test_progress_is_a_line_for_each_twentieth(capsys):
-    for verbose, lines in ((False, 21), (True, 100)):
-        bar = Progress("work", 100, verbose=verbose)
-        for done in range(1, 101):
-            bar.at(done)
-        printed = capsys.readouterr().err.splitlines()
-        assert len(printed) == lines and printed[-1] == "work: 100/100, 0 s left"
 
 
 def test_a_child_ends_with_its_parent(tmp_path):

@@ -113,7 +113,7 @@ def test_blender_installs_and_runs_it(blender, extension, tmp_path):
 
 
 def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, extension, tmp_path, monkeypatch):
-    """Blender keeps a wheel of the version that is there; so each build has its own."""
+    """Blender keeps a wheel of the version that is there; so each build has its own. The later ones are small."""
     monkeypatch.syspath_prepend(root / "scripts/packaging")
     from make_extension import extension as zip_of
     from wheels import files_of, write_wheel
@@ -121,6 +121,7 @@ def test_a_new_build_of_the_same_version_replaces_the_old_one(root, blender, ext
     with zipfile.ZipFile(extension) as archive:
         (name,) = (n for n in archive.namelist() if n.startswith("wheels/"))
         files = files_of(Path(archive.extract(name, tmp_path)))
+    files = {n: file for n, file in files.items() if ".dist-info/" in n or n == "pecs/__init__.py"}
     again = tmp_path / name
     write_wheel(files | {"pecs/new.txt": (b"a newer build", 0o644)}, again, 10**9)
     blender(INSTALL, extension, zip_of(again, tmp_path))

@@ -1,5 +1,6 @@
 import json
 
+import cv2
 import numpy as np
 import pecs
 import pytest
@@ -43,7 +44,6 @@ def test_intrinsics_say_what_is_missing(pecs_program, tmp_path):
 
 
 def test_a_picture_is_one_whatever_the_case_of_its_extension(pecs_program, tmp_path):
-    cv2 = pytest.importorskip("cv2")
     for name in ("b.png", "b.PNG"):
         cv2.imwrite(str(tmp_path / name), np.zeros((240, 320), np.uint8))
         done = pecs_program("align", "intrinsics", name, "--columns", "4", "--rows", "3", cwd=tmp_path)

@@ -15,18 +15,6 @@ def stream(count, seed, width=64, height=48):
     return events
 
 
-def test_tiny_example():
-    r = np.array([(0, 0, 0, 0), (1000, 10, 10, 1), (2000, 20, 20, 1)], pecs.EVENT_DTYPE)
-    q = r.copy()
-    q["t"][1] = 1001
-    eq16 = pecs.compare(r, q, width=64, height=48, normalisation="eq16")
-    paper = pecs.compare(r, q, width=64, height=48, normalisation="paper")
-    assert eq16["chamfer"] == pytest.approx(0.33333, abs=1e-5)
-    assert eq16["gaussian"] == pytest.approx(0.30983, abs=1e-5)
-    assert paper["chamfer"] == pytest.approx(0.66667, abs=1e-5)
-    assert paper["gaussian"] == pytest.approx(0.61194, abs=1e-5)
-
-
 def test_wrong_input():
     a = stream(100, 1)
     with pytest.raises(pecs.PecsError, match="event .*: got x .* wanted x < 32, y < 48"):
@@ -109,27 +97,3 @@ def test_realism_names_a_clock(pecs_program, tmp_path):
         assert json.loads(result.stdout) == ours, result.stderr
     shown = pecs_program("compare", "real.csv", "sim.csv", "--realism", cwd=tmp_path).stdout
     assert "Strongest cue: clock" in shown and "timestamp_s" in shown
-
-
-@pytest.mark.parametrize(
-    "arguments, code, line",
-    [
-        (["--window", "100px"], 2, "--window"),
-        (["--window", "0ms"], 2, "--window"),
-        (["--normalisation", "float"], 2, "--normalisation"),
-        (["--origin", "middle"], 2, "--origin"),
-    ],
-)
-def test_wrong_options(pecs_program, tmp_path, arguments, code, line):
-    (tmp_path / "a.csv").write_text("t_us,x,y,p\n1,1,1,1\n")
-    result = pecs_program("compare", tmp_path / "a.csv", tmp_path / "a.csv", *arguments)
-    assert result.returncode == code
-    assert line in result.stderr
-    assert not result.stdout
-
-
-def test_missing_file(pecs_program, tmp_path):
-    result = pecs_program("compare", tmp_path / "a.raw", tmp_path / "b.raw")
-    assert result.returncode == 3
-    assert len(result.stderr.splitlines()) == 1
-    assert "a.raw" in result.stderr

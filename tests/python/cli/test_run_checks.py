@@ -5,8 +5,6 @@ import json
 import pytest
 from support import in_bpy, pecs_blender
 
-pecs = pytest.importorskip("pecs")
-
 MAKE = """
 import sys
 import bpy

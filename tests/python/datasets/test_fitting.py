@@ -1,12 +1,9 @@
 """Objects in a room of known walls: none is in a wall, in another one, in the way of the camera or out of its view."""
 
 import numpy as np
+import pecs
 import pytest
-
-pecs = pytest.importorskip("pecs")
-pytest.importorskip("scipy")
-
-from pecs.datasets import fitting, trajectories  # noqa: E402
+from pecs.datasets import fitting, trajectories
 
 HALF_M, STEP_M = 1.5, 0.05  # of a cubic room
 HOW = {"duration_s": 1.0, "clearance_m": 0.2, "view_deg": 60.0}

@@ -5,12 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from support.trajectories import parameters
-
-pytest.importorskip("pecs")
 from pecs.datasets.imu import PARTS, Errors, Imu, ideal, integrate, measure, parts, sample_times_ns
 from pecs.datasets.paths import GRAVITY_M_S2
 from pecs.datasets.trajectories import KINDS, plan
+from support.trajectories import parameters
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 LEVER_M = [0.05, -0.03, 0.11]

@@ -9,13 +9,9 @@ import pytest
 from support import ROOT, in_bpy, run_module
 from support.faults import refused
 
-pecs = pytest.importorskip("pecs")
 pytest.importorskip("bpy", reason="renders with Cycles")
-pytest.importorskip("scipy")
-pytest.importorskip("cv2")
-pytest.importorskip("h5py")
 
-from pecs.datasets import Sequence  # noqa: E402
+from pecs.datasets import Sequence
 
 dataset = partial(run_module, "pecs.datasets", check=False)
 PAGE = (ROOT / "docs/start/own_objects.md").read_text()

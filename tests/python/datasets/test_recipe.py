@@ -3,15 +3,12 @@
 import re
 
 import numpy as np
+import pecs
 import pytest
+from pecs.datasets import recipe, recipe_check
+from pecs.datasets.plan import Plan
+from pecs.datasets.table import Table
 from support import ROOT
-
-pecs = pytest.importorskip("pecs")
-pytest.importorskip("scipy")
-
-from pecs.datasets import recipe, recipe_check  # noqa: E402
-from pecs.datasets.plan import Plan  # noqa: E402
-from pecs.datasets.table import Table  # noqa: E402
 
 RECIPE = """
 name = "t"

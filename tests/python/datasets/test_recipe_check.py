@@ -4,15 +4,12 @@ import re
 import shutil
 from functools import partial
 
+import pecs
 import pytest
+from pecs.datasets import blender, recipe, recipe_check
+from pecs.datasets.plan import Plan
 from support import ROOT, run_module
 from support.faults import refused
-
-pecs = pytest.importorskip("pecs")
-pytest.importorskip("scipy")
-
-from pecs.datasets import blender, recipe, recipe_check  # noqa: E402
-from pecs.datasets.plan import Plan  # noqa: E402
 
 dataset = partial(run_module, "pecs.datasets", check=False)
 RECIPE = f"""

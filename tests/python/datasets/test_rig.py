@@ -2,17 +2,15 @@
 
 import json
 
+import cv2
 import numpy as np
+import pecs
 import pytest
-
-pecs = pytest.importorskip("pecs")
-pytest.importorskip("scipy")
-cv2 = pytest.importorskip("cv2")
-from pecs.datasets import rgb, rig  # noqa: E402
-from pecs.datasets.plan import generator  # noqa: E402
-from pecs.datasets.recipe import Film  # noqa: E402
-from pecs.datasets.table import Value  # noqa: E402
-from scipy.ndimage import map_coordinates  # noqa: E402
+from pecs.datasets import rgb, rig
+from pecs.datasets.plan import generator
+from pecs.datasets.recipe import Film
+from pecs.datasets.table import Value
+from scipy.ndimage import map_coordinates
 
 NM = (430.0, 480.0, 530.0, 580.0, 630.0, 690.0)
 SIZE = 346, 260

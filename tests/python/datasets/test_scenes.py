@@ -5,10 +5,9 @@ import subprocess
 import sys
 
 import numpy as np
+import pecs
 import pytest
 from support import pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 CLASSES = {
     "street": "building road lane_mark pavement tree pole traffic_sign bin car person",

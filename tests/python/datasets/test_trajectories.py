@@ -6,14 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from support.trajectories import CENTRE, parameters
-
-pytest.importorskip("pecs")
 from pecs import _poses as poses
 from pecs.datasets import paths
 from pecs.datasets.parameters import PARAMETERS
 from pecs.datasets.paths import spline
 from pecs.datasets.trajectories import DEGREE, KINDS, Surfaces, instants, needed_m, plan
+from support.trajectories import CENTRE, parameters
 
 
 def walls(distance_m=3.0, spacing_m=0.1):
@@ -339,12 +337,16 @@ def test_files_read_back_bit_by_bit(tmp_path):
         ("# t\n0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", 'line 3: time: got "0", wanted a time after'),
         ("0 0 0 0 0 0 0 2\n", "line 1: length of the quaternion: got 2.0, wanted 1"),
         ("0 0 nan 0 0 0 0 1\n", 'line 1: got "0 0 nan'),
+        ("0 0 0 0 0 0 0 0\n", "line 1: length of the quaternion: got 0.0"),
+        ("0 0 0 0 0 0 0.01 1.015\n", "line 1: length of the quaternion: got 1.015"),
+        ("0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", 'line 2: got "1,0'),
         ("x" * 1000, 'line 1: got "xxx'),
+        ("\udcff\udcfe0", "byte 0: got invalid UTF-8"),
     ],
 )
 def test_bad_files(text, match, tmp_path):
     path = tmp_path / "poses.txt"
-    path.write_text(text)
+    path.write_text(text, errors="surrogateescape")
     with pytest.raises(ValueError, match=match) as e:
         poses.read_tum(path)
     assert str(e.value).startswith(str(path)) and "\n" not in str(e.value)

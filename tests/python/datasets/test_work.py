@@ -5,15 +5,12 @@ import shutil
 import sys
 from pathlib import Path
 
+import pecs
 import pytest
+from pecs.datasets import recipe, run, work
+from pecs.datasets.blender import blender
+from pecs.datasets.plan import Plan
 from support import ROOT
-
-pecs = pytest.importorskip("pecs")
-pytest.importorskip("scipy")
-
-from pecs.datasets import recipe, run, work  # noqa: E402
-from pecs.datasets.blender import blender  # noqa: E402
-from pecs.datasets.plan import Plan  # noqa: E402
 
 RECIPE = """
 seed = 3

@@ -56,13 +56,3 @@ def test_fit_finds_the_hidden_threshold(run):
     names = run("fit_a_chip")
     value = names["on"].value
     assert value == pytest.approx(0.35, rel=0.05) and names["on"].start == pytest.approx(0.254)
-
-
-def test_every_example_has_a_page_with_command_output_and_picture():
-    """And the list contains it."""
-    folders = sorted({EXAMPLES / path.relative_to(EXAMPLES).parts[0] for path in EXAMPLES.glob("*/*.*")})
-    listed = (EXAMPLES / "README.md").read_text()
-    assert len(folders) > 9
-    for folder in folders:
-        page = (folder / "README.md").read_text()
-        assert PRINTED.search(page) and "![" in page and f"({folder.name}/README.md)" in listed, folder.name

@@ -253,22 +253,6 @@ def test_scripts_that_pages_call_find_their_python(tmp_path):
         assert done.returncode == 0 and done.stdout.startswith("usage: "), (name, done.stderr)
 
 
-def test_workflows_run_what_people_run():
-    """Scripts of this tree, and nothing that only a code host knows."""
-    for workflow in (ROOT / ".github/workflows").glob("*.yml"):
-        commands = re.findall(r"run: (scripts/\S+)", workflow.read_text())
-        assert commands and all(os.access(ROOT / command, os.X_OK) for command in commands), workflow.name
-
-
 def test_all_files_name_one_version():
     done = subprocess.run([ROOT / "scripts/release.sh", "--versions"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_every_study_says_date_commit_and_command():
-    for page in (ROOT / "docs/studies").glob("*.md"):
-        rows = re.findall(
-            r"^\|.*\| (\d{4}-\d\d-\d\d) \| ([0-9a-f]{7}) \| `.+` \|$", f"|{page.read_text()}", re.MULTILINE
-        )
-        rows += re.findall(r"^\| (\d{4}-\d\d-\d\d) \| ([0-9a-f]{7}) \| `.+` \|$", page.read_text(), re.MULTILINE)
-        assert rows, page.name

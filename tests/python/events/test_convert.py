@@ -37,16 +37,6 @@ def test_info_of_events_by_pixel(pecs_program, tmp_path):
     assert info["event_rate_hz"] == pytest.approx(500)
 
 
-def test_info_of_what_is_not_there(pecs_program, tmp_path):
-    gone = pecs_program("info", tmp_path / "none.raw")
-    assert (gone.returncode, gone.stdout) == (3, "")
-    assert gone.stderr == f"pecs: {tmp_path}/none.raw: cannot be opened: No such file or directory\n"
-    (tmp_path / "cut.raw").write_bytes(b"% format EVT3;height=720;width=1280\n% end\n\x00\x80\x00")
-    cut = pecs_program("info", tmp_path / "cut.raw")
-    assert cut.returncode == 4
-    assert cut.stderr == f"pecs: {tmp_path}/cut.raw: byte 44: got 1 trailing bytes, wanted whole items of 2 bytes\n"
-
-
 def test_convert_a_part(pecs_program, tmp_path):
     events = STREAMS["bursts"]
     pecs.write(tmp_path / "in.raw", events, WIDTH, HEIGHT)

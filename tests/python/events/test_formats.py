@@ -123,19 +123,6 @@ def test_a_gap_that_dat_cannot_show_is_refused(tmp_path):
         pecs.write(tmp_path / "e.dat", STREAMS["late_start"], WIDTH, HEIGHT)
 
 
-def test_dsec_as_its_loader_slices_it(tmp_path):
-    """ms_to_idx by its definition: t[ms_to_idx[ms]] >= 1000 ms > t[ms_to_idx[ms] - 1]."""
-    import h5py
-
-    events = STREAMS["bursts"]
-    pecs.write(tmp_path / "e.h5", events, WIDTH, HEIGHT)
-    with h5py.File(tmp_path / "e.h5") as file:
-        ms_to_idx = file["ms_to_idx"][:]
-        t = file["events/t"][:]
-    np.testing.assert_array_equal(ms_to_idx, np.searchsorted(t, 1000 * np.arange(t[-1] // 1000 + 2), side="left"))
-    assert ms_to_idx[-1] == len(t)
-
-
 @pytest.mark.parametrize("compression", ["blosc", "gzip", None])
 def test_dsec_from_other_writers(tmp_path, compression):
     import h5py
@@ -239,16 +226,6 @@ def test_blocks(tmp_path):
         with pytest.raises(ValueError, match="block: got read-only"):
             reader.read_into(read_only)
         back = np.concatenate([*reader])
-    assert_same([back[name] for name in "txyp"], events)
-
-
-def test_more_than_a_block(tmp_path):
-    events = np.zeros(200_000, pecs.EVENT_DTYPE)
-    events["t"] = np.arange(len(events))
-    events["x"] = events["t"] % WIDTH
-    pecs.write(tmp_path / "e.raw", events, WIDTH, HEIGHT)
-    back = pecs.read(tmp_path / "e.raw")
-    assert back.dtype == pecs.EVENT_DTYPE
     assert_same([back[name] for name in "txyp"], events)
 
 

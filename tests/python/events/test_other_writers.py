@@ -2,6 +2,7 @@
 
 import struct
 
+import h5py
 import numpy as np
 import pecs
 import pytest
@@ -174,7 +175,6 @@ def test_aedat4_of_dv_1(tmp_path):
 
 
 def test_hdf5_under_a_filter_that_is_not_built_in(tmp_path):
-    h5py = pytest.importorskip("h5py")
     plugin = pytest.importorskip("hdf5plugin")
     with h5py.File(tmp_path / "e.h5", "w") as file:
         for name, values in zip("txyp", (T, X, Y, P), strict=True):

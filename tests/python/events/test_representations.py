@@ -1,7 +1,5 @@
 """Events as planes, against plain loops in NumPy."""
 
-import threading
-
 import numpy as np
 import pecs
 import pytest
@@ -106,19 +104,6 @@ def test_arrays_of_others(events):
     ):
         with pytest.raises(ValueError, match="out: got"):
             pecs.voxel_grid(events, W, H, 3, out=bad)
-
-
-def test_threads_change_nothing(events):
-    wanted, found = pecs.voxel_grid(events, W, H, 5, normalise=True), {}
-    run = [
-        threading.Thread(target=lambda k=k: found.update({k: pecs.voxel_grid(events, W, H, 5, normalise=True)}))
-        for k in range(4)
-    ]
-    for thread in run:
-        thread.start()
-    for thread in run:
-        thread.join()
-    assert len(found) == 4 and all(np.array_equal(grid, wanted) for grid in found.values())
 
 
 def test_wrong_arguments_are_one_line(events):

@@ -1,5 +1,7 @@
 """Times of files that do not state their unit: one rule for all doors, the same in Python and on the command line."""
 
+import cv2
+import h5py
 import numpy as np
 import pecs
 import pytest
@@ -18,7 +20,6 @@ def npz(path, per_us):
 
 
 def hdf5(path, per_us, **more):
-    h5py = pytest.importorskip("h5py")
     with h5py.File(path, "w") as file:
         for name, values in zip("txyp", (np.int64(T * per_us), X, Y, P), strict=True):
             file["events/" + name] = values
@@ -116,7 +117,6 @@ FRAMES = np.linspace(0.2, 0.8, 20)[:, None, None] * np.ones((20, 4, 5))
 
 @pytest.mark.parametrize(("unit", "step"), [("s", 1e-3), ("ns", 1e6), ("ms", 1.0)])
 def test_times_of_frames(tmp_path, pecs_program, unit, step):
-    cv2 = pytest.importorskip("cv2")
     folder = tmp_path / "p"
     folder.mkdir()
     for i, frame in enumerate(FRAMES.astype(np.float32)):
@@ -140,7 +140,6 @@ def test_times_of_frames(tmp_path, pecs_program, unit, step):
 
 
 def test_frames_with_times_since_1970(tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     for i, frame in enumerate(FRAMES.astype(np.float32)):
         cv2.imwrite(str(tmp_path / f"{i}.tif"), frame)
     (tmp_path / "t.txt").write_text("".join(f"{1_700_000_000_000_000_000 + 1_000_000 * i}\n" for i in range(20)))
@@ -151,7 +150,6 @@ def test_frames_with_times_since_1970(tmp_path, pecs_program):
 
 
 def test_integers_of_16_bits_are_the_same_light_everywhere(tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     frames = np.round(65535 * FRAMES).astype(np.uint16)
     for i, frame in enumerate(frames):
         cv2.imwrite(str(tmp_path / f"{i}.png"), frame)

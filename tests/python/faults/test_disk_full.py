@@ -38,7 +38,7 @@ def test_a_video_that_fills_the_disk(pecs_program, small_disk, tmp_path, command
     fill(small_disk, free)
     screenless = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
     words = {
-        "view": [tmp_path / "e.raw", "-o", small_disk / "v.mp4"],
+        "view": [tmp_path / "e.raw", "-o", small_disk / "v.mp4", "--slow-motion", 2],
         "render-preview": [tmp_path / "s", "-o", small_disk / "v.mp4"],
         "sense": [tmp_path / "s", "-o", tmp_path / "v", *"--format evt3 --gain 1e-15 --view --window 1ms".split()],
     }[command]

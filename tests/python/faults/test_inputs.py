@@ -2,7 +2,6 @@
 
 import ast
 import copy
-import json
 import pickle
 import shutil
 from functools import partial
@@ -195,13 +194,3 @@ def test_options_that_are_no_numbers():
         one_line(lambda options=options: pecs.simulate(frames, times, **options), words)
     with pytest.raises(ValueError):
         pecs.simulate(np.zeros((2, 8, 0)), times)
-
-
-def test_numbers_in_quotes_are_no_numbers(tmp_path):
-    """As in C++."""
-    from pecs._config import Fields
-
-    for value in ([["1", "2"]], [[True, False]], [["x"]], [[10**400, 1]]):
-        one_line(lambda value=value: Fields({"K": value}, "f").array("K", 1, 2), "f: K: got")
-    assert Fields({"K": [[1, 2.5]]}, "f").array("K", 1, 2).tolist() == [[1, 2.5]]
-    assert json.dumps(Fields({"K": []}, "f").array("K", -1).tolist()) == "[]"

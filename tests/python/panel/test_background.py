@@ -2,10 +2,7 @@
 
 import json
 
-import pytest
 from support import in_bpy, make_blends
-
-pytest.importorskip("pecs")
 
 PANEL = """
 import sys, time

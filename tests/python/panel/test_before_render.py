@@ -1,9 +1,6 @@
 """What would end a job after its render is told before it, in bpy: settings of the sensor, size, files and scripts."""
 
-import pytest
 from support import in_bpy
-
-pytest.importorskip("pecs")
 
 BODY = """
 import sys

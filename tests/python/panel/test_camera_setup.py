@@ -1,11 +1,10 @@
 """Setting up an event camera, in bpy: what the operators make, that they can be taken back, and the lens's field."""
 
 import numpy as np
+import pecs
 import pytest
+from pecs_blender.ui import field
 from support import in_bpy
-
-pecs = pytest.importorskip("pecs")
-from pecs_blender.ui import field  # noqa: E402
 
 LAB = field.Setting("pecs_lab_15mm", 0, 1.5, None, 6.2208, 1280, 720)
 

@@ -1,9 +1,6 @@
 """All cameras of a scene, rendered and simulated one after the other, in bpy."""
 
-import pytest
 from support import in_bpy
-
-pytest.importorskip("pecs")
 
 BODY = """
 import sys

@@ -4,8 +4,6 @@ there."""
 import pytest
 from support import in_bpy, pecs_blender
 
-pytest.importorskip("pecs")
-
 WORDS = """
 import bpy
 from pecs_blender import ui

@@ -1,9 +1,6 @@
 """What the extension does when nothing runs, in bpy: redraws ask the file system nothing and parse nothing."""
 
-import pytest
 from support import in_bpy
-
-pytest.importorskip("pecs")
 
 BODY = """
 import json, os, sys

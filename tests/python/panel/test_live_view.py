@@ -1,11 +1,10 @@
 """The live view without a window: light to events and their picture, time, recording; register and unregister."""
 
 import numpy as np
+import pecs
 import pytest
+from pecs_blender.ui import live_sensor
 from support import in_bpy
-
-pecs = pytest.importorskip("pecs")
-from pecs_blender.ui import live_sensor  # noqa: E402
 
 WIDTH, HEIGHT, DT_S = 40, 30, 1 / 24
 

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 from support import in_bpy
 
-pytest.importorskip("pecs")
-
 
 def act(tmp_path, name):
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "BROWSER": "true"}

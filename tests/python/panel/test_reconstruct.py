@@ -3,13 +3,13 @@
 import subprocess
 import sys
 
+import cv2
 import numpy as np
+import pecs
 import pytest
 from support import pecs_blender
 
 pytest.importorskip("bpy")
-cv2 = pytest.importorskip("cv2")
-pecs = pytest.importorskip("pecs")
 
 WIDTH, HEIGHT = 64, 48
 

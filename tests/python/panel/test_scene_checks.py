@@ -4,7 +4,6 @@ import pytest
 from support import in_bpy
 
 pytest.importorskip("bpy")
-pytest.importorskip("pecs")
 
 BLENDER = """
 import math, sys

@@ -9,10 +9,9 @@ import sys
 import warnings
 
 import numpy as np
+import pecs
 import pytest
 from support import in_bpy, load_script, pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 FRAMES = 17
 COMMON = ("--bands", 3, "--fps", 1000, "--frames", FRAMES, "--samples", 4)

@@ -1,12 +1,11 @@
-"""Layers without light (`--no-light`): stopped, in shards, merged; read by the library, refused by the sensor."""
+"""Layers without light (`--no-light`): as those beside light; read by the library, refused by the sensor."""
 
 import json
 
 import numpy as np
+import pecs
 import pytest
 from support import contents, make_blends, pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 ARGS = ("--frames", 3, "--fps", 1, "--bands", 1, "--layers", "depth,motion", "--no-light")
 
@@ -43,16 +42,6 @@ def test_it_is_read(whole, pecs_program):
         assert len(result.stderr.strip().splitlines()) == 1
     result = pecs_program("info", whole)
     assert result.returncode == 0 and "depth" in result.stdout and "motion" in result.stdout
-
-
-def test_shards_merge(blends, whole, tmp_path):
-    for name, only in (("a", "0:2"), ("b", "2:3")):
-        pecs_blender("render", blends / "rigid.blend", "-o", tmp_path / name, *ARGS, "--only", only)
-    pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "s")
-    assert contents(tmp_path / "s") == contents(whole)
-    (tmp_path / "a/depth_000001.exr").unlink()
-    result = pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "x", check=False)
-    assert result.returncode == 4 and "depth: instant 1000000000 ns" in result.stderr
 
 
 def test_the_plan_counts_layers_alone(blends, tmp_path):

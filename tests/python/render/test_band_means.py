@@ -4,12 +4,10 @@ sums, how many bands a scene gets, and a render of 3 bands against 61."""
 import json
 
 import numpy as np
+import pecs
 import pytest
+from pecs_blender.spectral import bands, spectra
 from support import pecs_blender
-
-pecs = pytest.importorskip("pecs")
-bands = pytest.importorskip("pecs_blender.spectral.bands")
-spectra = pytest.importorskip("pecs_blender.spectral.spectra")
 
 LAMPS = ("a", "d65", "fl2", "led_b3")
 

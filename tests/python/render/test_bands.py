@@ -102,7 +102,7 @@ def rendered(root, tmp_path_factory):
     return run
 
 
-@pytest.mark.parametrize("lamp", LAMPS)
+@pytest.mark.parametrize("lamp", ["fl2", "led_b3"])  # the steepest; the sums above have all
 def test_cycles_renders_agree(rendered, lamp):
     """400-700 nm. Same pixels, seed and samples: what differs is the wavelengths alone."""
     reference = rendered(lamp, 61)

@@ -3,10 +3,9 @@
 import json
 
 import numpy as np
+import pecs
 import pytest
 from support import make_blends, pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 SIZE = WIDTH, HEIGHT = 48, 32
 LENS = ("--lens", "cmount_8mm_f2p8", "--focus", 3, "--fnumber", 2.8)
@@ -140,10 +139,3 @@ def test_an_instant_is_done_when_all_its_layers_are(blends, tmp_path):
     assert sorted(p.name for p in (tmp_path / "s").iterdir()) == ["frame_000000.exr", "frame_000001.exr", "stack.json"]
     result = pecs_blender(*args, "-o", tmp_path / "x", "--layers", "flow", check=False)
     assert result.returncode == 2 and len(result.stderr.splitlines()) == 1
-
-
-def test_the_film_is_the_chips(blends, tmp_path):
-    for chip, width_mm in (("davis346", 346 * 0.0185), ("imx636", 6.2208)):
-        pecs_blender("render", blends / "measured.blend", "-o", tmp_path / chip, *COMMON, "--width", 8, "--chip", chip)
-        stack = json.loads((tmp_path / chip / "stack.json").read_text())
-        assert stack["render"]["film_width_mm"] == pytest.approx(width_mm)

@@ -13,7 +13,7 @@ import pecs
 import pytest
 from pecs._arguments import latest
 from pecs_blender.output import Output
-from support import contents, growing_pecs_blender, in_bpy, pecs_blender
+from support import contents, in_bpy, pecs_blender
 from support.small_stacks import stack_json
 
 SMALL = ("--bands", 3, "--fps", 1000, "--width", 64, "--samples", 2, "--lens", "none")
@@ -45,13 +45,6 @@ def test_a_moving_part_is_rendered_as_in_the_whole(root, tmp_path):
     assert result.returncode == 2 and len(result.stderr.strip().splitlines()) == 1
 
 
-def test_shards_of_instants_merge_to_one_run(root, whole, tmp_path):
-    for name, frames in (("a", "0:2"), ("b", "2:6")):
-        run(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", frames)
-    pecs_blender("merge", tmp_path / "b", tmp_path / "a", "-o", tmp_path / "s")
-    assert contents(tmp_path / "s") == contents(whole)
-
-
 def test_shards_of_a_plan_merge_to_one_run(root, whole, tmp_path):
     for name, frames in (("a", "0:3"), ("b", "3:6")):
         run(root, "rotating_disk", tmp_path / name, *SMALL, "--frames", 6, "--only", frames)
@@ -68,12 +61,6 @@ def test_strange_shards_do_not_merge(root, whole, tmp_path):
     assert result.returncode == 4 and len(result.stderr.strip().splitlines()) == 1
     result = pecs_blender("merge", whole, tmp_path / "nothing", "-o", tmp_path / "s", check=False)
     assert result.returncode == 3 and len(result.stderr.strip().splitlines()) == 1
-
-
-def test_a_process_that_grows_restarts(root, whole, tmp_path):
-    words = ("render", root / "scenes/rotating_disk", "-o", tmp_path / "s", *SMALL, "--frames", 6)
-    assert "1 of 6 exist already" in growing_pecs_blender(*words).stderr
-    assert contents(tmp_path / "s") == contents(whole)
 
 
 def test_frames_stay_locked_while_their_process_reads_the_stack(whole, tmp_path):

@@ -7,6 +7,7 @@ import json
 import subprocess
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pecs
 import pytest
@@ -26,12 +27,13 @@ TILTED = {
 LAB = {"name": "pecs_lab_15mm", "stop_diameter_mm": 1.0, "focus_m": 1.56}
 
 
-@pytest.fixture
-def render(tmp_path, python):
+@pytest.fixture(scope="module")
+def render(tmp_path_factory, python):
     """Renders a job of lens_render.py in a process of its own (bpy must be loaded before libpecs)."""
 
     def run(**job):
-        job_path, out_path = tmp_path / "job.json", tmp_path / "out.npz"
+        folder = tmp_path_factory.mktemp("job")
+        job_path, out_path = folder / "job.json", folder / "out.npz"
         job_path.write_text(json.dumps(job))
         script = HERE / "support/lens_render.py"
         done = subprocess.run([python, script, job_path, out_path], capture_output=True, text=True)
@@ -96,13 +98,12 @@ def setting_name(setting):
     return "-".join(Path(str(value)).stem if key == "name" else str(value) for key, value in setting.items())
 
 
-@pytest.mark.parametrize("setting", [DGAUSS, SHIFTED, TILTED, *SHIPPED, *STOP_CUTS], ids=setting_name)
-def test_ray_by_ray_as_the_tracer(setting, render, pecs_program):
-    check_ray_by_ray(setting, render, pecs_program)
+SETTINGS = [DGAUSS, SHIFTED, TILTED, *SHIPPED, *STOP_CUTS, {"name": "conics and odd powers"}]
+SIZE = {"width": 48, "height": 32}
 
 
-def test_ray_by_ray_of_conics_and_odd_powers(tmp_path, render, pecs_program):
-    path = tmp_path / "odd.json"
+def odd_lens(folder):
+    """The file of a lens of conics and odd powers."""
     air, glass = {"name": "air"}, {"name": "N-BK7", "catalog": "Schott"}
     front = {"type": "asphere", "radius": 12.0, "k": -0.6, "odd_coeffs": {"3": 2e-5, "5": -1e-6}}
     rear = {"type": "asphere", "radius": -30.0, "k": 2.0}
@@ -111,25 +112,36 @@ def test_ray_by_ray_of_conics_and_odd_powers(tmp_path, render, pecs_program):
         front | {"even_coeffs": {"4": -3e-5}, "thickness": 4.0, "medium_after": glass, "semi_diameter": 6.0},
         rear | {"thickness": 15.0, "medium_after": air, "semi_diameter": 6.0},
     ]
-    path.write_text(json.dumps({"name": "odd", "stop_index": 0, "surfaces": surfaces}))
-    check_ray_by_ray({"name": str(path)}, render, pecs_program)
+    (folder / "odd.json").write_text(json.dumps({"name": "odd", "stop_index": 0, "surfaces": surfaces}))
+    return str(folder / "odd.json")
 
 
-def check_ray_by_ray(setting, render, pecs_program):
-    cam = camera(setting, [549.0, 550.0, 551.0], colour_tolerance_px=1e3)
-    width, height = 48, 32
-    assert "throughput = color(weight);" in cam.osl
-    # The same samples four times: the film point, what the shader aims at, where the ray leaves, and its direction.
-    tilted = cam.film_tilt_x_deg != 0
-    shown = (
-        f"color(fx, fy, {'fz' if tilted else '0'})",
-        "color(ex * cosphi - ey * sinphi, ex * sinphi + ey * cosphi, 1)",
-        "color(1000 * position[0], 1000 * position[1], 1000 * position[2])",
-        "color(direction[0], direction[1], direction[2])",
-    )
-    sources = [cam.osl.replace("throughput = color(weight);", f"throughput = {value};") for value in shown]
-    images = render(osl=sources, scene="white", width=width, height=height, samples=1)
-    film, aim, position, direction = images.reshape(4, -1, 3)
+@pytest.fixture(scope="module")
+def shown(render, tmp_path_factory):
+    """Of each setting: its lens, its camera, and pictures of the same samples: the film point, what the shader aims at,
+    where the ray leaves, and its direction. One process renders all."""
+    names = [one["name"] for one in SETTINGS[:-1]] + [odd_lens(tmp_path_factory.mktemp("lens"))]
+    bands = [549.0, 550.0, 551.0]
+    cameras = [camera(s | {"name": n}, bands, colour_tolerance_px=1e3) for s, n in zip(SETTINGS, names, strict=True)]
+    sources = []
+    for cam in cameras:
+        assert "throughput = color(weight);" in cam.osl
+        tilted = cam.film_tilt_x_deg != 0
+        for value in (
+            f"color(fx, fy, {'fz' if tilted else '0'})",
+            "color(ex * cosphi - ey * sinphi, ex * sinphi + ey * cosphi, 1)",
+            "color(1000 * position[0], 1000 * position[1], 1000 * position[2])",
+            "color(direction[0], direction[1], direction[2])",
+        ):
+            sources.append(cam.osl.replace("throughput = color(weight);", f"throughput = {value};"))
+    images = render(osl=sources, scene="white", **SIZE, samples=1)
+    return list(zip(names, cameras, images.reshape(len(cameras), 4, -1, 3), strict=True))
+
+
+@pytest.mark.parametrize("index", range(len(SETTINGS)), ids=map(setting_name, SETTINGS))
+def test_ray_by_ray_as_the_tracer(index, shown, pecs_program):
+    name, cam, (film, aim, position, direction) = shown[index]
+    width, height = SIZE.values()
     passed = aim[:, 2] == 1
     assert passed.mean() > 0.99
 
@@ -137,9 +149,9 @@ def check_ray_by_ray(setting, render, pecs_program):
     film[:, 2] += cam.film_z_mm
     centre = film_points(cam, (x + 0.5).ravel() / width, (y + 0.5).ravel() / height)
     assert np.abs(film - centre)[passed].max() < 1e-3 * cam.film_width_mm / width
-    aim[:, 2] = pecs.Lens(setting["name"]).pupil(lambda_nm=550)["plane_z_mm"]
+    aim[:, 2] = pecs.Lens(name).pupil(lambda_nm=550)["plane_z_mm"]
     rays = np.hstack([film, aim - film])[passed]
-    truth, ok = traced(pecs_program, setting["name"], rays, "--stop-diameter", cam.stop_diameter_mm)
+    truth, ok = traced(pecs_program, name, rays, "--stop-diameter", cam.stop_diameter_mm)
     assert ok.mean() > 0.999  # float32 may pass a ray that grazes the rim
     film, position, direction = film[passed][ok], position[passed][ok], direction[passed][ok]
     # Camera space looks along +Z, the lens frame along -z.
@@ -147,13 +159,11 @@ def check_ray_by_ray(setting, render, pecs_program):
     position = position * [1, 1, -1] + [0, 0, cam.entrance_pupil_z_mm]
     angle = np.linalg.norm(direction - truth[ok, 3:], axis=1).max()
     # The shader's ray traced back to where it came from.
-    back, ok = traced(
-        pecs_program, setting["name"], np.hstack([position, -direction]), "--no-clip", to_z_mm=cam.film_z_mm
-    )
+    back, ok = traced(pecs_program, name, np.hstack([position, -direction]), "--no-clip", to_z_mm=cam.film_z_mm)
     assert ok.all()
     back[:, :2] += back[:, 3:5] * ((film[:, 2] - cam.film_z_mm) / back[:, 5])[:, None]
     offset = np.linalg.norm(back[:, :2] - film[:, :2], axis=1).max()
-    print(f"{setting['name']}: {angle:.2g} rad, {1e3 * offset:.2g} um at the image")
+    print(f"{name}: {angle:.2g} rad, {1e3 * offset:.2g} um at the image")
     assert angle < 1e-6
     # mm; float32 rounds a direction by some 1e-7 per surface, and a long lens makes more of it.
     assert offset < max(5e-5, 5.5e-7 * cam.efl_mm)
@@ -269,7 +279,6 @@ def test_the_picture_is_where_the_image_map_says(render, film):
 
 
 def test_the_picture_has_the_prescriptions_distortion(render):
-    cv2 = pytest.importorskip("cv2")
     lens = pecs.Lens("cmount_8mm_f2p8")
     width, height = 640, 360
     state = {"focus_m": 2.0, "fnumber": 8}

@@ -5,11 +5,11 @@ import subprocess
 import sys
 
 import numpy as np
+import pecs
 import pytest
 from support import in_bpy, pecs_blender
 
 pytest.importorskip("bpy")
-pecs = pytest.importorskip("pecs")
 
 SCENES = """
 import sys

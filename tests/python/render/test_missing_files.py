@@ -1,9 +1,8 @@
 """Input that is missing is an error, not empty input: every kind of file that Blender reads beside the .blend."""
 
+import pecs
 import pytest
 from support import in_bpy, pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 MAKE = """
 import sys

@@ -6,12 +6,10 @@ World: x right, y ahead, z up; the camera at the origin looks along y."""
 import json
 
 import numpy as np
+import pecs
 import pytest
 from support import contents, growing_pecs_blender, make_blends, pecs_blender
-
-pecs = pytest.importorskip("pecs")
-
-from support.views import (  # noqa: E402
+from support.views import (
     HEIGHT,
     TOLERANCE_PX,
     WIDTH,

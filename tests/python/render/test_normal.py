@@ -1,13 +1,11 @@
 """The layer `normal` against a plane, a ball and a room, through a pinhole and a lens (scenes of blend_things.py)."""
 
 import numpy as np
+import pecs
 import pytest
+from scipy.spatial.transform import Rotation
 from support import make_blends, pecs_blender
-
-pecs = pytest.importorskip("pecs")
-
-from scipy.spatial.transform import Rotation  # noqa: E402
-from support.views import LensCamera, Pinhole  # noqa: E402
+from support.views import LensCamera, Pinhole
 
 SIZE = WIDTH, HEIGHT = 64, 36
 ARGS = ("--frames", 1, "--bands", 1, "--no-light", "--layers", "normal,depth,objects", "--width", WIDTH)

@@ -5,12 +5,10 @@ import itertools
 import json
 
 import numpy as np
+import pecs
 import pytest
 from support import contents, growing_pecs_blender, make_blends, pecs_blender, run_support
-
-pecs = pytest.importorskip("pecs")
-
-from support.views import FLIP, LensCamera, Pinhole, shift, turn  # noqa: E402
+from support.views import FLIP, LensCamera, Pinhole, shift, turn
 
 SIZE = WIDTH, HEIGHT = 160, 120
 ARGS = ("--frames", 2, "--fps", 1, "--bands", 1, "--no-light", "--layers", "objects,depth")

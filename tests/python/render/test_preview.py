@@ -5,11 +5,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pecs
 import pytest
 from support.moving_scene import Scene, write_stack
 from support.small_stacks import stack_json
 
-pecs = pytest.importorskip("pecs")
 WIDTH, HEIGHT = 24, 4  # a column per patch
 
 

@@ -3,10 +3,9 @@
 import json
 
 import numpy as np
+import pecs
 import pytest
 from support import in_bpy, pecs_blender
-
-pecs = pytest.importorskip("pecs")
 
 SCENE = """
 import bpy, math, sys

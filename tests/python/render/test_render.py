@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pecs
 import pytest
+from pecs_blender.spectral import spectra
 from support import pecs_blender
 
 SCENE = "scenes/rotating_disk"
@@ -93,10 +94,8 @@ def test_the_light_is_absolute(disk):
     lamp's mean weighted by the chip's response. The picture's white sectors are brighter above and darker below the
     disk's centre, where the illuminance is defined."""
     stack, values = frames(disk / "pinhole")
-    edges_nm, chip = stack["render"]["band_edges_nm"], pytest.importorskip("pecs").Chip("imx636")
-    sys_path_spectra = pytest.importorskip("pecs_blender.spectral.spectra")
-    lamp = sys_path_spectra.load("led_b3")
-    v = sys_path_spectra.load("photopic")
+    edges_nm, chip = stack["render"]["band_edges_nm"], pecs.Chip("imx636")
+    lamp, v = spectra.load("led_b3"), spectra.load("photopic")
     grid = np.arange(380, 781.0)
     centre = values[0][:, 88:93, 237:242]
     white = centre.reshape(3, -1).max(axis=1)

@@ -5,13 +5,11 @@ import random
 import shutil
 
 import pytest
-from support import in_bpy
-from support.mutants import mutant
-
-pytest.importorskip("pecs")
 from pecs import PecsError
 from pecs._errors import ExitCode
 from pecs_blender.scene.scene_file import load_scene
+from support import in_bpy
+from support.mutants import mutant
 
 MUTANTS = 500
 ALIGNED = {

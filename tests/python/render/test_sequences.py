@@ -59,7 +59,6 @@ def test_the_lamp_stands_where_the_recordings_light_asks_for_it(rendered):
 
 
 def test_a_lamp_is_found_from_its_light():
-    pytest.importorskip("scipy")
     from pecs_lab import lamp_fit
 
     angle, radius = np.radians(np.arange(7.5, 360, 15))[:, None], np.array([45.0, 75, 105, 135])

@@ -6,24 +6,6 @@ import pytest
 from support.moving_scene import Scene
 
 
-def errors(scene, fraction):
-    """|ln| of the carried to the true light, and the distance from the ellipse's outline; the border left out."""
-    carried = pecs.carry(scene.frame(0), scene.frame(1), scene.motion(), fraction)
-    inner = (slice(20, -20), slice(20, -20))
-    off = np.abs(np.log(carried / scene.frame(fraction)))[inner]
-    return off, scene.edge_distance(fraction)[inner]
-
-
-@pytest.mark.parametrize("step", [2.0, 8.0, 16.0])
-def test_light_is_carried_along(step):
-    off, edge = errors(Scene(120, 90, step=(step, step / 3), finest_px=8.0, background=(-2.0, 1.0)), 0.4)
-    inside, outside = off[edge < -2.5], off[edge > 2.5]
-    assert len(inside) > 500 and len(outside) > 1000
-    assert np.quantile(inside, 0.95) < 0.002 and np.quantile(outside, 0.95) < 0.03
-    beside = off[np.abs(edge) < 2.5]
-    assert np.median(beside) < 0.02 and np.quantile(beside, 0.95) < 0.35
-
-
 def test_bands_are_carried_alike_and_sides_can_be_had_alone():
     scene = Scene(80, 60, radii=(15.0, 12.0))
     first, second, motion = scene.frame(0), scene.frame(1), scene.motion()

@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pecs
 import pytest
@@ -18,7 +19,6 @@ STEP_NS = 10_000_000
 
 def values(folder, bits=10):
     """DN [frames, H, W], and images.txt's times [us]."""
-    cv2 = pytest.importorskip("cv2")
     rows = [line.split() for line in (folder / "images.txt").read_text().splitlines()]
     pictures = np.array([cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for _, name in rows])
     assert pictures.dtype == np.uint16 and not (pictures & (1 << 16 - bits) - 1).any()

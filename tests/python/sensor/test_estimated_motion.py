@@ -2,12 +2,12 @@
 
 import json
 
+import cv2
 import numpy as np
 import pecs
 import pytest
 from support.small_stacks import read_csv, sense
 
-cv2 = pytest.importorskip("cv2")
 H, W, FPS, FRAMES = 48, 80, 60, 7
 CHIP = ("--chip", "ideal", "--photocurrent", "1pA")
 

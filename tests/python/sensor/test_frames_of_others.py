@@ -4,6 +4,7 @@ import json
 import struct
 import zlib
 
+import cv2
 import numpy as np
 import pecs
 import pytest
@@ -83,7 +84,6 @@ def with_transfer(path, curve):
 
 
 def encode(path):
-    cv2 = pytest.importorskip("cv2")
     video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
     if not video.isOpened():
         pytest.skip("needs an MPEG-4 encoder")
@@ -104,7 +104,6 @@ def test_video_of_high_dynamic_range(tmp_path, pecs_program):
 
 
 def test_variable_frame_rate(tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     path = tmp_path / "v.mp4"
     encode(path)
     constant = simulated(pecs_program, path, tmp_path / "c.npz", "--no-flow")
@@ -152,7 +151,6 @@ def test_a_video_with_b_frames(tmp_path, pecs_program):
 
 
 def write_pictures(folder, names):
-    cv2 = pytest.importorskip("cv2")
     folder.mkdir()
     for i, name in enumerate(names):
         cv2.imwrite(str(folder / name), FRAMES[i])

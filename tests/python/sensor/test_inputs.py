@@ -4,6 +4,7 @@ import json
 import math
 import os
 
+import cv2
 import numpy as np
 import pytest
 from support.small_stacks import H, N, W, read_csv, sense, write_exr
@@ -125,7 +126,6 @@ def write_pictures(folder, ending, count=N, size=None):
 
 @pytest.mark.parametrize("ending", ["png", "16.png", "tif"])
 def test_pictures(tmp_path, pecs_program, ending):
-    pytest.importorskip("cv2")
     folder = write_pictures(tmp_path / "p", ending)
     times = tmp_path / "times.txt"
     times.write_text("# us\n" + "".join(f"{1000 * i}\n" for i in range(N)))
@@ -144,7 +144,6 @@ def test_pictures(tmp_path, pecs_program, ending):
 
 
 def test_video_and_colour_space(tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 500, (W * 4, H * 4))
     if not video.isOpened():
         pytest.skip("needs an MJPG encoder")

@@ -156,7 +156,7 @@ def test_chip():
 
 
 def test_photocurrent(tmp_path):
-    """550 nm, by hand as in test_sensor_sense; the stack, the weights and `pecs.sense` agree."""
+    """550 nm, by hand; the stack, the weights and `pecs.sense` agree."""
     write(tmp_path / "s", frames=3)
     chip = pecs.Chip("imx636")
     qe = chip.peak_qe * np.interp(550, chip.info["relative_qe"]["lambda_nm"], chip.info["relative_qe"]["value"])
@@ -175,6 +175,8 @@ def test_photocurrent(tmp_path):
         np.testing.assert_array_equal(chip.photocurrent(stack, [2, 0]), current[[2, 0]])
     report = pecs.sense(tmp_path / "s", tmp_path / "e.raw")["results"]
     assert report["photocurrent_a"]["p95"] == pytest.approx(np.percentile(current[0], 95), rel=0.05)
+    median_a = report["photocurrent_a"]["median"]
+    assert report["corner_hz"]["median"] == pytest.approx(chip.corner_hz_per_a * (median_a + chip.dark_current_a))
     with pytest.raises(ValueError, match="wanted the lens's f-number"):
         chip.amperes_per_unit(BAND, "radiance")
     with pytest.raises(pecs.PecsError):

@@ -8,7 +8,7 @@ import pecs
 import pytest
 from pecs_lab.measure import partners
 from support.moving_scene import Scene, write_stack
-from support.small_stacks import read_csv, sense, write
+from support.small_stacks import read_csv, sense
 
 STEP_NS = 8_000_000
 SCENE = Scene(96, 72, step=(8.0, 2.0), finest_px=12.0, radii=(22.0, 16.0), samples=8)
@@ -140,21 +140,6 @@ def test_threads_change_nothing(tmp_path, pecs_program, keyframes):
         sense(pecs_program, keyframes, "-o", tmp_path / "o.csv", "--threads", threads)
         outputs.append((tmp_path / "o.csv").read_bytes())
     assert outputs[0] == outputs[1] == outputs[2] and len(outputs[0]) > 10000
-
-
-def test_without_motion_nothing_changes(tmp_path, pecs_program):
-    """A layer that says that nothing moves is as none."""
-    write(tmp_path / "plain", frames=6, level=1e-3)
-    frames = [pecs.StackReader(tmp_path / "plain").read_frame(i)[0] / 1e-3 for i in range(6)]
-    still = np.zeros((20, *frames[0].shape), np.float32)
-    times_ns = [i * 1_000_000 for i in range(6)]
-    write_stack(tmp_path / "still", frames, times_ns, [still] * 5)
-    write_stack(tmp_path / "none", frames, times_ns)
-    outputs = []
-    for name in ("still", "none"):
-        sense(pecs_program, tmp_path / name, "-o", tmp_path / "o.csv")
-        outputs.append((tmp_path / "o.csv").read_bytes())
-    assert outputs[0] == outputs[1] and len(outputs[0]) > 1000
 
 
 def turning(frames):

@@ -1,41 +1,12 @@
-"""Every option of `pecs sense` changes the output or is an error."""
+"""Options of `pecs sense` that a stack refuses or that exclude each other; every model in loops, threads and live."""
 
-import json
-import re
-
+import cv2
 import numpy as np
 import pecs
 import pytest
 from support.small_stacks import H, N, W, write
 
-# Options by what shows that they were heard: a key of the run record's config that changes, or a refusal's words.
-HEARD = {
-    "chip": (["--chip", "davis346"], "chip"),
-    "set": (["--set", "contrast_threshold_on=0.27"], "chip"),
-    "bias": (["--bias", "diff_on=35,bias_diff_off=-10"], "chip"),
-    "bias-file": (["--bias-file", "BIAS"], "chip"),
-    "no-noise": (["--no-noise"], "no_noise"),
-    "seed": (["--seed", "2"], "seed"),
-    "preset": (["--preset", "v2e_noisy"], "preset"),
-    "model": (["--model", "esim"], "model"),
-    "param": (["--model", "esim", "--param", "log_eps=0.01"], "model"),
-    "white": (["--model", "esim", "--white", "1pA"], "model"),
-    "readout": (["--readout", "ideal"], "readout"),
-    "roi": (["--roi", "2,3,20,10"], "stages"),
-    "mask": (["--mask", "MASK"], "stages"),
-    "afk": (["--afk", "50:520"], "stages"),
-    "afk-pass": (["--afk-pass", "50:520"], "stages"),
-    "afk-counts": (["--afk", "50:520", "--afk-counts", "2:1"], "stages"),
-    "trail": (["--trail", "2ms"], "stages"),
-    "stc": (["--stc", "2ms"], "stages"),
-    "stc-keep": (["--stc-keep", "2ms"], "stages"),
-    "erc": (["--erc", "20kHz"], "stages"),
-    "bands": (["--bands", "mc:1"], "bands"),
-    "gain": (["--gain", "1e-15"], "gain"),
-    "warmup-loops": (["--warmup-loops", "1"], "warmup_loops"),
-    "start": (["--start", "3ms"], "start_us"),
-    "duration": (["--duration", "5ms"], "duration_us"),
-}
+# Options that a periodic stack does not take, and the refusal's words; tests/python/cli/test_options.py has the others.
 REFUSED = {
     "warmup": (["--warmup", "5ms"], "--warmup-loops for a periodic stack"),
     "fps": (["--fps", "500"], "frames without times of their own"),
@@ -53,13 +24,6 @@ REFUSED = {
     "window": (["--window", "3us"], "--view"),
     "dropped": (["--dropped", "DROPPED"], "no stage drops events"),
 }
-# Where the output goes and what is said: tested by name elsewhere.
-ELSEWHERE = set("render-noise help output format labels frames threads json quiet verbose view".split())
-
-
-def test_every_option_is_in_one_of_the_tables(pecs_program):
-    options = set(re.findall(r"--([a-z][a-z-]+)", pecs_program("sense", "--help").stdout))
-    assert options == set(HEARD) | set(REFUSED) | ELSEWHERE
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +32,6 @@ def plain(tmp_path_factory, pecs_program):
     write(folder / "s", level=1e-3, period_ns=N * 1_000_000)
     assert pecs_program("sense", folder / "s", "-o", folder / "plain.npz", "--quiet").returncode == 0
     return folder
-
-
-@pytest.mark.parametrize("option", HEARD)
-def test_an_option_is_heard(option, plain, pecs_program):
-    args, key = HEARD[option]
-    (plain / "mask.txt").write_text("row 3\n")
-    (plain / "a.bias").write_text("35 % bias_diff_on\n0 % bias_fo\n")
-    files = {"MASK": plain / "mask.txt", "BIAS": plain / "a.bias"}
-    args = [files.get(word, word) for word in args]
-    pecs_program("sense", plain / "s", "-o", plain / "o.npz", "--quiet", *args, check=True)
-    record, before = (json.loads((plain / f"{name}.npz.run.json").read_text())["config"] for name in ("o", "plain"))
-    assert record[key] != before[key]
 
 
 @pytest.mark.parametrize("option", REFUSED)
@@ -140,7 +92,6 @@ def test_loops_of_every_model_are_the_unrolled_stack(model, tmp_path, pecs_progr
 
 @pytest.mark.parametrize("model", [m["name"] for m in pecs.models()])
 def test_live_is_the_file_for_every_model(model, tmp_path, pecs_program):
-    cv2 = pytest.importorskip("cv2")
     video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 500, (W * 2, H * 2))
     if not video.isOpened():
         pytest.skip("needs an MJPG encoder")

@@ -37,16 +37,6 @@ def test_round_trip_within_12_bits(tmp_path):
     assert (back[finite] != values[finite]).any()
 
 
-def test_reader_tells_what_is_there(tmp_path):
-    with StackWriter(tmp_path, stack_json()) as stack:
-        stack.write_frame(0, frame())
-        stack.write_frame(1, frame())
-    with StackReader(tmp_path) as reader:
-        assert reader.info["frames"] == 2
-        assert reader.info["bands"] == BANDS
-        assert reader.info["times_ns"] == [0, 100_001, 200_002]
-
-
 def test_pecs_info_of_a_stack(tmp_path, pecs_program):
     values = frame()
     with StackWriter(tmp_path, stack_json()) as stack:

@@ -71,6 +71,7 @@ STAGES = {
     "stc": (["--stc", "3ms"], {"stc_us": 3000}),
     "stc-keep": (["--stc-keep", "3ms"], {"stc_keep_us": 3000}),
     "afk": (["--afk", "50:520"], {"afk_hz": [50, 520]}),
+    "afk-counts": (["--afk", "50:520", "--afk-counts", "2:1"], {"afk_hz": [50, 520], "afk_counts": [2, 1]}),
     "erc": (["--erc", "20kHz"], {"erc_hz": 20000.0}),
 }
 

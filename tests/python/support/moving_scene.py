@@ -86,14 +86,6 @@ class Scene:
         """[20, height, width], of the layer `motion`."""
         return np.array(self._paths(0.0, 1.0) + self._paths(1.0, 0.0), np.float32)
 
-    def edge_distance(self, t):
-        """Pixels from the ellipse's outline, about; negative inside."""
-        y, x = np.mgrid[: self.height, : self.width].astype(float)
-        u, v = self._to_ellipse(x, y, t)
-        rho = np.hypot(u / self.radii[0], v / self.radii[1])
-        slope = np.hypot(u / self.radii[0] ** 2, v / self.radii[1] ** 2) / np.maximum(rho, 1e-9)
-        return (rho - 1) / np.maximum(slope, 1e-9)
-
 
 def write_stack(folder, frames, times_ns, motions=(), *, period_ns=None, subpixels=1, between=(), more=(), light=True):
     """A stack of frames [T, H, W] times 1e-3 (light False: only their size counts); motions: one per interval; between:
