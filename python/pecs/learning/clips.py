@@ -163,8 +163,9 @@ def _add_faults(grid: NDArray[np.float32], window_s: float, how: Augmentation, r
         median_hz = how.noise_hz * 10 ** rng.uniform(-2, 0)
         rate_hz = np.minimum(median_hz * np.exp(rng.uniform(0, 1.5) * rng.standard_normal(size)), 300)
         share = np.clip(rng.uniform(0.3, 0.7) + 0.15 * rng.standard_normal(size), 0, 1)
-        per_bin = np.broadcast_to(rate_hz * window_s / bins, grid.shape)
-        grid += rng.poisson(per_bin * share).astype(np.float32) - rng.poisson(per_bin * (1 - share))
+        at = np.repeat(np.arange(rate_hz.size), rng.poisson(rate_hz * window_s * count).ravel())
+        sign = np.where(rng.random(len(at)) < share.ravel()[at], np.float32(1), np.float32(-1))
+        np.add.at(grid.reshape(count * bins, -1), (rng.integers(count * bins, size=len(at)), at), sign)
     if rng.random() < how.bursts:
         period_s, likely = rng.uniform(0.03, 0.15), rng.beta(1, 2, size)
         for sign in (-1, 1, -1 if rng.random() < 0.5 else 1):

@@ -65,16 +65,16 @@ class Augmentation:
 
     flip: bool = True
     noise_hz: float = 5.0  # median of the pixels' rates of noise, which have a long tail
-    bursts: float = 0.3  # probability that events of the camera's own frames are there (DAVIS)
+    bursts: float = 0.4  # probability that events of the camera's own frames are there (DAVIS)
 
 
 @dataclasses.dataclass(frozen=True)
 class ClipConfig:
     """chunk: windows that gradients pass through; the state passes through all."""
 
-    windows: int = 48
-    chunk: int = 16
-    crop: int = 112
+    windows: int = 72
+    chunk: int = 24
+    crop: int = 144
     augmentation: Augmentation | None = Augmentation()
 
 
@@ -88,6 +88,7 @@ class TrainConfig:
     decay_steps: int = 350  # last steps, over which the learning rate falls to 0
     ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
     correlation_weight: float = 0.5  # weight of 1 - correlation, which is added too
+    stretched_weight: float = 1.0  # weight of the MSE of stretched pictures, which is added too
     data: str = ""  # which sequences: another run of other ones does not continue this one
     weights_sha256: str | None = None  # hash of the network whose weights are the first ones
     lpips_sha256: str | None = None  # hash of LPIPS' weights; with them, LPIPS replaces the other losses
@@ -116,6 +117,6 @@ class ProceduralConfig:
     """size: width and height [px]; model: the pixel model that simulates."""
 
     count: int = 280
-    size: int = 128
+    size: int = 160
     duration_us: int = 3_000_000
     model: str = "pecs"

@@ -41,9 +41,10 @@ class _ConvGru(nn.Module):
         self.gates, self.candidate = _conv(2 * channels, 2 * channels), _conv(2 * channels, channels)
 
     def forward(self, x: Tensor, state: Tensor) -> Tensor:
-        reset, update = torch.sigmoid(self.gates(torch.cat([x, state], 1))).chunk(2, 1)
-        new = torch.tanh(self.candidate(torch.cat([x, reset * state], 1)))
-        return (1 - update) * state + update * new
+        # In single precision, also where convolutions are not: the state remembers for many windows.
+        reset, update = torch.sigmoid(self.gates(torch.cat([x, state], 1)).float()).chunk(2, 1)
+        new = torch.tanh(self.candidate(torch.cat([x, reset * state], 1)).float())
+        return torch.lerp(state, new, update)
 
 
 class RecurrentUNet(nn.Module):
@@ -70,7 +71,7 @@ class RecurrentUNet(nn.Module):
             x = nn.functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
             x = torch.relu(up(x)) + skip
         x = nn.functional.pixel_shuffle(torch.relu(self.subpixels(x)), 2)
-        return torch.sigmoid(self.prediction(x)), after
+        return torch.sigmoid(self.prediction(x).float()), after
 
 
 def start_states(net: RecurrentUNet, count: int, height: int, width: int) -> list[Tensor]:

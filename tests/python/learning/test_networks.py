@@ -28,7 +28,7 @@ from pecs.learning.lpips import Lpips
 from pecs.learning.networks import NetworkConfig, RecurrentUNet, start_states
 from pecs.learning.procedural import Procedural, ProceduralConfig, light, sequence
 from pecs.learning.reconstruct import WEIGHTS, Filter, Network, Window, compressed, late_us
-from pecs.learning.train import TrainConfig, _Log, _resume, _save, train, trained
+from pecs.learning.train import TrainConfig, _Log, _resume, _save, learn, train, trained
 from pecs.representations import voxel_grid
 from support import run_module
 
@@ -190,6 +190,20 @@ def _stop_at(last):
     return progress
 
 
+def test_bfloat16_has_the_same_losses():
+    """Also on CPUs that emulate it, after 24 windows of the state."""
+    item = {"planes": torch.rand(1, 24, 6, 32, 32), "picture": torch.rand(1, 24, 1, 32, 32)}
+    found = []
+    for half in (False, True):
+        torch.manual_seed(1)
+        net = RecurrentUNet(NetworkConfig(channels=8))
+        with mock.patch("pecs.learning.train.cpu_has_bfloat16", lambda half=half: half):
+            losses = learn(net, torch.optim.Adam(net.parameters(), 1e-3), item, TrainConfig())
+        found.append([*losses.parts.values(), *(w.detach().norm() for w in net.parameters())])
+    np.testing.assert_allclose(*found, rtol=0.02, atol=2e-3)
+    assert found[0][0] != found[1][0]
+
+
 def test_nan_keeps_the_checkpoint(trainable, tmp_path):
     found = recordings(sequences(trainable))
     calls = 0
@@ -348,7 +362,8 @@ def test_the_network_that_ships():
     errors = []
     for number in (4, 5, 6):  # with many events
         made = sequence(number, 999, ProceduralConfig(duration_us=1_000_000))
-        methods = Network(WEIGHTS, 128, 128), Filter(128, 128, 1.0)
+        side = made.pictures.shape[1]
+        methods = Network(WEIGHTS, side, side), Filter(side, side, 1.0)
         assert methods[0].record["config"]["seed"] != 999
         for k in range(4, len(made.times_us), 4):
             begin, end = map(float, made.times_us[[k - 4, k]])
@@ -379,7 +394,7 @@ def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
     assert "wanted a multiple of 16" in run(
         "train", "-o", tmp_path / "r7", "--sequences", 100_000, "--crop", 17, code=4
     )
-    assert "wanted at most 128" in run("train", "-o", tmp_path / "r7", "--sequences", 100_000, "--crop", 144, code=2)
+    assert "wanted at most 160" in run("train", "-o", tmp_path / "r7", "--sequences", 100_000, "--crop", 176, code=2)
     none = ("reconstruct", recording[0], "-o", tmp_path / "n.mp4", "--weights", tmp_path / "no.onnx")
     assert "no.onnx: no such file or folder, wanted a network" in run(*none, code=3)
     network = tmp_path / "run/network.onnx"
