@@ -24,10 +24,10 @@ CHIP = "davis346"
 TEXTURE_PX = 320  # side of a layer's texture
 MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (2.3, 3.7, 6.0, 9.1)  # a shaking camera sees the edges of large things only
 LETTERS = list("ABCDEFGHKMNPRSTXYZ0123456789agkmx")
-FASTEST_PX_S = (40, 1200)  # of the background, drawn log-uniformly
+FASTEST_PX_S = (20, 1200)  # of the background, drawn log-uniformly
 TRUTH_US = 5000  # between pictures
-WHITE_A = (5e-15, 4e-12)  # photocurrent of white, drawn log-uniformly: corners of 3 Hz to 2.4 kHz
-THRESHOLDS = (0.08, 0.4)  # mean of ON and OFF, drawn log-uniformly
+WHITE_A = (3e-15, 4e-12)  # photocurrent of white, drawn log-uniformly: corners of 2 Hz to 2.4 kHz
+THRESHOLDS = (0.08, 0.5)  # mean of ON and OFF, drawn log-uniformly
 
 Rng = np.random.Generator
 Picture = NDArray[np.float32]
@@ -106,7 +106,7 @@ def _texture(rng: Rng, plain: float) -> Picture:
 
 def _cover(rng: Rng) -> Picture:
     out = np.zeros((TEXTURE_PX, TEXTURE_PX), np.float32)
-    middle, sides = rng.uniform(60, TEXTURE_PX - 60, 2), rng.uniform(12, 90, 2)
+    middle, sides = rng.uniform(60, TEXTURE_PX - 60, 2), rng.uniform(12, 110, 2)
     if rng.random() < 0.5:
         cv2.ellipse(out, (tuple(middle), tuple(2 * sides), rng.uniform(0, 180)), 1, -1, cv2.LINE_AA)
     else:
@@ -127,9 +127,9 @@ def _path(rng: Rng, times_s: NDArray[np.float64], still: NDArray[np.bool_], fast
 
 def _pauses(rng: Rng, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     still, end = np.zeros(len(times_s), bool), times_s[-1]
-    if rng.random() < 0.5:
-        begin = rng.uniform(0.1, 0.8) * end
-        still |= (times_s >= begin) & (times_s < begin + rng.uniform(0.1, 0.45) * end)
+    if rng.random() < 0.65:
+        begin = rng.uniform(0.15, 0.7) * end
+        still |= (times_s >= begin) & (times_s < begin + rng.uniform(0.15, 0.5) * end)
     return still
 
 
@@ -149,7 +149,7 @@ def _layers(rng: Rng, times_s: NDArray[np.float64], fastest_px_s: float) -> Iter
         apart = rng.uniform(-45, 45, 2) if i else (0, 0)
         nearer = rng.uniform(0.9, 1.2) if i else 1
         x, y, turn, grow = [nearer * a for a in shared] if shared else motion(rng.uniform(0.2, 1) if i else 1)
-        yield Layer(_texture(rng, 0.35 if i else 0.1), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
+        yield Layer(_texture(rng, 0.4 if i else 0.1), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
 
 
 def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Picture]:
