@@ -49,7 +49,7 @@ SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33,
 COARSER, NEAR_PX = 4, 3
 DISK_HZ = 2.5  # corner in the mean light: 4.6 Hz in white, and half of the disk is black (docs/studies/accuracy.md)
 PICTURED = (8, 20, 33)  # frames
-HELD_OUT, SHOWN, AT = 999, (5, 6, 13, 14), 90  # seed, numbers of those with most events of the first 20, window
+HELD_OUT, SHOWN, AT = 999, (3, 4, 6, 13), 90  # seed, numbers of those with most events of the first 20, window
 
 
 STEPS, CROP, COUNT, SEEDS = 120, 64, 60, (1, 2, 3)  # of the comparison
@@ -94,7 +94,7 @@ def trained(name: str, seed: int, folder: Path) -> Path:
         from pecs.learning.train import train
 
         data, length = f"{COUNT} drawn, {name}", {"steps": STEPS, "decay_steps": STEPS // 2, "batch": 1}
-        config = TrainConfig(clips=ClipConfig(crop=CROP), **length, data=data, seed=seed)
+        config = TrainConfig(clips=ClipConfig(windows=48, chunk=16, crop=CROP), **length, data=data, seed=seed)
         train(lambda: simulated(name), network.parent, config)
         export(network.parent, network)
     return network
@@ -218,7 +218,8 @@ def scored(make, real: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
 def drawn(methods: dict, number: int) -> list[np.ndarray]:
     """By each method at the end of a drawn sequence, and its light."""
     made = procedural.sequence(number, HELD_OUT, procedural.ProceduralConfig())
-    rows = [video(make(128, 128), made.events, 2e6, 20e3)[1][AT] for make in methods.values()]
+    size = made.pictures.shape[2], made.pictures.shape[1]
+    rows = [video(make(*size), made.events, 2e6, 20e3)[1][AT] for make in methods.values()]
     return [*rows, made.pictures[4 * AT + 4] / 255]
 
 

@@ -44,7 +44,7 @@ class _ConvGru(nn.Module):
         # In single precision, also where convolutions are not: the state remembers for many windows.
         reset, update = torch.sigmoid(self.gates(torch.cat([x, state], 1)).float()).chunk(2, 1)
         new = torch.tanh(self.candidate(torch.cat([x, reset * state], 1)).float())
-        return torch.lerp(state, new, update)
+        return state + update * (new - state)
 
 
 class RecurrentUNet(nn.Module):

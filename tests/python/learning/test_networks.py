@@ -372,7 +372,7 @@ def test_the_network_that_ships():
             if k >= 80:
                 errors.append([((picture - made.pictures[k] / 255) ** 2).mean() for picture in shown])
     ours, theirs = np.mean(errors, 0)
-    assert ours < 0.6 * theirs, (ours, theirs)
+    assert ours < 0.35 * theirs, (ours, theirs)
 
 
 def test_train_and_reconstruct_as_commands(trainable, recording, tmp_path):
