@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 if TYPE_CHECKING:
@@ -158,6 +159,14 @@ def resident_mb(peak: bool = False) -> float:
     with suppress(OSError), open("/proc/self/status", encoding="ascii") as file:
         return next((float(line.split()[1]) / 1024 for line in file if line.startswith(name)), 0.0)
     return 0.0
+
+
+@cache
+def cpu_has_bfloat16() -> bool:
+    """Whether the CPU multiplies in bfloat16; no if the system does not tell."""
+    with suppress(OSError), open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+        return "avx512_bf16" in file.read()
+    return False
 
 
 def program_file(name: str) -> str:

@@ -189,6 +189,11 @@ def resident_mb(peak: bool = False) -> float:
     return float(memory.peak if peak else memory.now) / 1e6
 
 
+def cpu_has_bfloat16() -> bool:
+    """Windows does not tell."""
+    return False
+
+
 def program_file(name: str) -> str:
     return f"{name}.exe"
 

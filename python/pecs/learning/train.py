@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import functools
 import io
 import json
 import math
@@ -20,6 +19,7 @@ from .._config import Fields, read_json
 from .._errors import PecsError, PecsInputError, PecsOutputError, UsageError, bad_input, existing
 from .._files import lock_file, read_text, sha256, write_json, write_text, write_whole
 from .._library import version
+from .._platform import cpu_has_bfloat16
 from .clips import Clips, Source
 from .limits import TrainConfig
 from .losses import correlation, l1, ssim, stretched_mse
@@ -52,13 +52,6 @@ def losses_of(pictures: Tensor, truth: Tensor, config: TrainConfig, lpips: Lpips
     return Losses(loss, {name: float(value.detach()) for name, value in parts.items()})
 
 
-@functools.cache
-def cpu_has_bfloat16() -> bool:
-    """Whether the CPU multiplies in bfloat16, which makes a step faster by half; others emulate it slowly."""
-    flags = Path("/proc/cpuinfo")
-    return flags.exists() and "avx512_bf16" in flags.read_text(encoding="utf-8")
-
-
 def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig, lpips: Lpips | None = None) -> Losses:
     """One step: the windows of the clips in chunks, whose gradients change the network, and which hand the state on.
     The first windows of a clip, before anything is known, do not count. Returns the losses of the last chunk.
@@ -66,7 +59,7 @@ def learn(net: Any, optimiser: Any, item: dict[str, Tensor], config: TrainConfig
     planes, truth = item["planes"], item["picture"]
     states = start_states(net, len(planes), *planes.shape[-2:])
     losses, chunk = None, config.clips.chunk
-    half = planes.device.type == "cpu" and cpu_has_bfloat16()
+    half = planes.device.type == "cpu" and cpu_has_bfloat16()  # a step takes less time; other CPUs emulate it slowly
     for first in range(0, planes.shape[1], chunk):
         pictures = []
         with torch.autocast(planes.device.type, torch.bfloat16, enabled=half):

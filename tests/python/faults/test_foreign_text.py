@@ -58,7 +58,8 @@ def checks(name, cameras):
     events = {"rate_hz": 1.0, "rate_per_pixel_hz": 1.0, "rate_over_time_hz": [1.0, 2.0], name: name}
     found = {"outside_limits": [name], "cameras": {camera: {"events": events} for camera in cameras}, "stereo": {}}
     recorded = {name: {"rate_per_pixel_hz": 1.0}}
-    return found | {"recorded_sets": recorded, "imu": {name: name}, "motion": {"speed_most_m_s": 1.0}}
+    motion = {"speed_least_m_s": 0.5, "speed_most_m_s": 1.0}
+    return found | {"recorded_sets": recorded, "imu": {name: name}, "motion": motion}
 
 
 def test_pages_of_a_set_with_evil_names(sequence, tmp_path, monkeypatch):
