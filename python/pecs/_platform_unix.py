@@ -12,7 +12,6 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
 from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 if TYPE_CHECKING:
@@ -161,7 +160,6 @@ def resident_mb(peak: bool = False) -> float:
     return 0.0
 
 
-@cache
 def cpu_has_bfloat16() -> bool:
     """Whether the CPU multiplies in bfloat16; no if the system does not tell."""
     with suppress(OSError), open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
