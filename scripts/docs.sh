@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the documentation site into out/site (start with index.html): pages of docs/, of the commands (from --help), and
-# the C header by Doxygen. Warnings are errors, those of links
-# and anchors too (mkdocs.yml, validation). Can be run again; about a minute once its tools are there.
+# the C header by Doxygen. Warnings are errors, those of links and anchors too (mkdocs.yml, validation). Can be run
+# again; about a minute once its tools are there.
 #   scripts/docs.sh            builds and checks
 #   scripts/docs.sh --serve    shows it at http://127.0.0.1:8000 and follows changes
 source "$(dirname "$0")/lib.sh"

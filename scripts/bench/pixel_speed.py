@@ -1,9 +1,9 @@
-"""The sensor beside another program on the same frames in memory, by turns: medians of CPU times, and of their ratios.
+"""The sensor and another program on the same frames in memory, by turns: medians of CPU times, and of their ratios.
 JSON.
 
     python scripts/bench/pixel_speed.py --esim CHECKOUT [--build build/release] [--passes 5]
 
-Ideal pixels (`bench_pixel_speed`) beside a checkout of github.com/uzh-rpg/rpg_vid2e, which is compiled here (g++,
+Ideal pixels (`bench_pixel_speed`) and those of a checkout of github.com/uzh-rpg/rpg_vid2e, which is compiled here (g++,
 OpenCV, Eigen, Boost). Ours sorts its events and hands them on 64 frames at a time, as to a file; esim does not sort,
 and keeps them. A run of ours has three passes, warm except the first (`cold`). Threads are compared by the wall's
 clock, so on a quiet machine.

@@ -210,8 +210,8 @@ class Halves:
         half = between(on_grid(self.events, SCORE_COARSER, 1), disk, self.middle_us, self.duration_us)
         small = [n // SCORE_COARSER for n in size]
         scored = Scored(*half, *small, self.duration_us - self.middle_us, slowness)
-        beside = between(on_grid(self.events, SCORE_COARSER, 0), disk.moved(0.5, 0.5), self.middle_us, self.duration_us)
-        return scored, scored.scores(*beside)
+        others = between(on_grid(self.events, SCORE_COARSER, 0), disk.moved(0.5, 0.5), self.middle_us, self.duration_us)
+        return scored, scored.scores(*others)
 
     def of_second(self, events: np.ndarray) -> np.ndarray:
         return between(events, self.disk.coarser(SCORE_COARSER), self.middle_us, self.duration_us)[0]

@@ -1,4 +1,4 @@
-"""Layers without light (`--no-light`): as those beside light; read by the library, refused by the sensor."""
+"""Layers without light (`--no-light`): as those with light; read by the library, refused by the sensor."""
 
 import json
 
