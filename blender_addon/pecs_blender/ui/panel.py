@@ -50,7 +50,9 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
         row = layout.row()  # always one line, so that no button moves when a job starts or ends
         row.alert = bool(not state.job and state.is_error)
         message = "" if state.job else state.message.replace(f"{paths.events(context.scene).parent}/", "")
-        text = message or "{} x {}, Cycles, {} samples".format(*settings.size(context.scene), _samples(context.scene))
+        engine = {"cycles": "Cycles", "eevee": "EEVEE"}[context.scene.pecs.engine]
+        width, height = settings.size(context.scene)
+        text = message or f"{width} x {height}, {engine}, {_samples(context.scene)} samples"
         row.label(text=text, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
         row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)
         if state.offer_exists:

@@ -344,8 +344,9 @@ def _wrong_options(scene, shown, folder):
     shown("Cycles finds no CUDA device")
     checks._has_device = lambda kind: True
     shown("A lens requires the device CPU or OPTIX")
-    s.device, s.lens = "CPU", "none"
-    checks._has_denoiser = lambda: False
+    s.device, s.lens, s.engine = "CPU", "none", "eevee"
+    assert any(", EEVEE, 1 samples" in text for text in drawn()), drawn()
+    s.engine, checks._has_denoiser = "cycles", lambda: False
     shown("This Blender was built without a denoiser")
     bpy.ops.pecs.keep_noise()
     assert s.no_denoise and not checks.problems(scene)
@@ -359,10 +360,9 @@ def _wrong_options(scene, shown, folder):
     s.time = "adaptive"
     assert "--moving-px" not in settings.render_arguments(scene)
     (folder / "file").write_text("")
-    s.output = str(folder / "file")
-    shown("is a file; choose a folder")
-    s.output = str(folder / "file/below")
-    shown("is a file; choose a folder")
+    for name in ("file", "file/below"):
+        s.output = str(folder / name)
+        shown("is a file; choose a folder")
     s.output = "/proc/pecs"  # not writable, even for root
     bpy.ops.pecs.render()
     message, is_error = ended()
