@@ -235,6 +235,14 @@ std::vector<cv::Point2f> outline_of(const events::Recording& recording, const Pl
   return outline;
 }
 
+// Rejects what moves along a line: it turns about a centre far out of view.
+void check_is_near(const Candidate& c, const std::vector<cv::Point2f>& picture, const std::string& file) {
+  const cv::Rect box = cv::boundingRect(picture);
+  if (std::hypot(c.fit[kX] - box.x - 0.5 * box.width, c.fit[kY] - box.y - 0.5 * box.height) >
+      std::hypot(box.width, box.height))
+    throw bad_input(file, "disk", "nothing found (" + c.text() + ")", "a centre of rotation in view or near it");
+}
+
 // Events behind each edge of a polarity: counted, and expected for equal edges.
 struct Shares {
   std::array<std::vector<double>, 2> found, expected;
@@ -313,6 +321,8 @@ DetectedDisk find_disk(const events::Recording& recording, const std::string& fi
     throw bad_input(file, "disk", "nothing found (" + c.text() + ")",
                     fmt::format("a coherence of at least {}", kLeastCoherence));
   const StepFit step_fit = locate_steps(samples, c, span_s, file);
+  const std::vector<cv::Point2f> picture = outline_of(recording, plane_from_pixel);
+  check_is_near(c, picture, file);
   const Refits refits = refits_of(step_fit, c, span_s);
 
   DetectedDisk disk;
@@ -330,7 +340,7 @@ DetectedDisk find_disk(const events::Recording& recording, const std::string& fi
   check_quarters(samples, c, span_s, disk.warnings);
   place_edges(samples, c, step_fit.steps, refits.deviation, disk);
   check_sectors(samples, disk, span_s, file);
-  find_rim(samples, outline_of(recording, plane_from_pixel), disk);
+  find_rim(samples, picture, disk);
   return disk;
 }
 

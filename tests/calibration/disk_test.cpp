@@ -95,6 +95,24 @@ TEST(Disk, NoiseIsAnErrorWithTheBestCandidate) {
   }
 }
 
+// A bar: its right edge is ON, its left edge OFF.
+TEST(Disk, MotionAlongALineIsAnError) {
+  for (const double behind_px : {1.0, 4.0}) {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> unit(0, 1);
+    std::vector<events::Event> events;
+    while (events.size() < 30'000) {
+      const double part = unit(random), y = 240 * unit(random);
+      const bool on = unit(random) < 0.5;
+      const double x = (on ? 160 : 100) + 48 * part + behind_px * std::log(1 - unit(random));
+      events.push_back({static_cast<std::int64_t>(part * kSpan_us), static_cast<std::uint16_t>(x),
+                        static_cast<std::uint16_t>(y), on});
+    }
+    const events::Recording bar = events::recording_of({{320, 240, ""}, events}, "x.raw", 0, INT64_MAX);
+    pecs::tests::expect_error([&] { find_disk(bar, "x.raw"); }, ExitCode::bad_input, "centre of rotation in view");
+  }
+}
+
 // Dark spots on a bright disk, or a rotor of few blades.
 TEST(Disk, ARotatingPatternWithoutSectorsIsAnError) {
   for (const int spots : {1, 3})
