@@ -34,6 +34,7 @@ SETS = {  # of files: id, what, pattern, type
     ),
     "objects": ("object of each event at its own time", "sequences/*/*/objects.npy", "application/octet-stream"),
     "pictures": ("pictures of RGB cameras", "sequences/*/*/rgb/*.png", "image/png"),
+    "frames": ("frames of DAVIS cameras", "sequences/*/*/frames/images/*.png", "image/png"),
     "truth": ("depth, normals, objects, flow (EXR)", "sequences/*/*/truth/*.exr", "image/x-exr"),
     "calibration": ("cameras, what was drawn", "sequences/*/sequence.json", "application/json"),
     "poses": ("poses of the rig, TUM", "sequences/*/poses.txt", "text/plain"),

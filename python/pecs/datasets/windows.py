@@ -45,9 +45,8 @@ class Windows:
     - visible: bool [H, W], whether the point of `flow` is visible at both ends and at the truth's times between.
     - depth: float32 [2, H, W] in m, along the chief ray, and z; of the instant nearest to the end, `truth_us`.
     - instances: int32 [H, W]; boxes: `BOX_DTYPE`; of the same instant.
-    - frame: uint8 [3, H, W], RGB, the image nearest to the end of the RGB camera with the same pixels; `frame_us` [2]
-    is its
-      exposure.
+    - frame: uint8 [3, H, W], RGB, the image nearest to the end: a DAVIS's own, or of the RGB camera with its pixels;
+      `frame_us` [2] is its exposure.
     - causes: uint8 [n]; objects: uint16 [n]; of the events, before `transform`.
 
     Parameters

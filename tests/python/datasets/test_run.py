@@ -311,6 +311,7 @@ def test_croissant_and_datasheet(made):
     paths = {field["name"]: field["source"]["extract"]["jsonPath"] for field in rows["field"]}
     assert paths["split"] == "$.sequences[*].split"
     (listing,) = [file for file in found["distribution"] if file["@type"] == "cr:FileObject"]
+    assert {"pictures", "frames"} <= {file["name"] for file in found["distribution"]}
     assert listing["sha256"] == hashlib.sha256((made / "set/dataset.json").read_bytes()).hexdigest()
     text = (made / "set/datasheet.md").read_text()
     assert (

@@ -22,7 +22,7 @@ ALIASES = {
     **dict.fromkeys(("bicycle", "motorcycle", "rider"), ("two wheeler",)),
     **{name: (name.replace("_", " "),) for name in ("traffic_sign", "traffic_light")},
 }
-NO_FRAMES = "no RGB camera has the same pixels (place, lens and size) as the event camera; see beam-splitter rigs"
+NO_FRAMES = "the event camera takes no frames (frames), and no RGB camera has its pixels (pixels_of)"
 
 
 class Report:
