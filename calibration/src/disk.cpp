@@ -100,19 +100,15 @@ Candidate best_candidate(std::span<const Sample> few, double span_s, double reac
   std::nth_element(xs.begin(), xs.begin() + middle, xs.end());
   std::nth_element(ys.begin(), ys.begin() + middle, ys.end());
   const std::array<double, 2> median = {xs[few.size() / 2], ys[few.size() / 2]};
-  std::vector<std::pair<double, int>> ranked;
-  for (int m = 1; m <= kMostHarmonics; ++m)
-    ranked.emplace_back(coherence(few, m, median[0], median[1], span_s).value, m);
-  std::sort(ranked.rbegin(), ranked.rend());
-  Candidate best;
-  for (int i = 0; i < 3; ++i) {
-    const int m = ranked[i].second;
+  // All harmonics: at the median of a disk that is partly out of view, any of them may be stronger than the right one.
+  std::array<Candidate, kMostHarmonics> found;
+  tbb::parallel_for(1, kMostHarmonics + 1, [&](int m) {
     const auto centre = minimise<2>([&](const double* c) { return -coherence(few, m, c[0], c[1], span_s).value; },
                                     median, {reach_px, reach_px}, 80, 1e-4);
     const Coherence c = coherence(few, m, centre[0], centre[1], span_s);
-    if (c.value > best.coherence) best = {m, c.value, {centre[0], centre[1], c.speed_deg_s, 0, 0}};
-  }
-  return best;
+    found[static_cast<std::size_t>(m - 1)] = {m, c.value, {centre[0], centre[1], c.speed_deg_s, 0, 0}};
+  });
+  return *std::ranges::max_element(found, {}, &Candidate::coherence);
 }
 
 // Locates the steps with ever narrower kernels; returns the last result and updates the candidate's fit.

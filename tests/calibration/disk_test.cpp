@@ -76,6 +76,17 @@ TEST(Disk, SlowAndFastPixelsBothDirectionsAndManySectors) {
   }
 }
 
+TEST(Disk, PartlyOutOfView) {  // 16 px from the centre, where the events' median is, another harmonic is stronger
+  for (const auto& [x, y] : {std::pair{270.0, 190.0}, {260.0, 180.0}, {280.0, 150.0}, {50.0, 60.0}}) {
+    const Truth truth{.x = x, .y = y, .sectors = 8, .slow = false};
+    const DetectedDisk disk = find_disk(recording(truth, 1), "x.raw");
+    EXPECT_EQ(disk.sectors, truth.sectors) << x;
+    EXPECT_NEAR(disk.centre_x.value, x, 0.5);
+    EXPECT_NEAR(disk.centre_y.value, y, 0.5);
+    EXPECT_NEAR(disk.speed_deg_s.value, truth.speed_deg_s, 0.003 * truth.speed_deg_s);
+  }
+}
+
 TEST(Disk, ErrorsAreWithinTheDeviations) {
   int within = 0;
   for (unsigned seed = 0; seed < 4; ++seed) {

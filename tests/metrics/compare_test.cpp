@@ -90,6 +90,15 @@ TEST(Compare, RejectsEmptyStreamsAndOtherSensorsAndWarnsOfOnePolarity) {
   EXPECT_TRUE(to_json(c)["off_rate_correlation"].is_null());
 }
 
+TEST(Compare, WarnsOfAStreamThatEndsEarly) {
+  const auto whole = stream_of(random_events(300, 1)), part = stream_of(random_events(300, 2, 64, 48, 5'000));
+  const auto c = compare(whole, "r", part, "s", {});
+  ASSERT_EQ(c.warnings.size(), 1U);
+  EXPECT_TRUE(c.warnings[0].starts_with("s: events end after ")) << c.warnings[0];
+  EXPECT_EQ(compare(whole, "r", part, "s", {.window_us = 5'000}).warnings.size(), 0U);
+  EXPECT_EQ(compare(whole, "r", whole, "s", {.window_us = 100'000}).warnings.size(), 2U);  // the scores' unit of time
+}
+
 TEST(Compare, IntervalsContainTheScoreAndAreNarrowForUniformStreams) {
   const auto even = compare(stream_of(random_events(8000, 1)), "r", stream_of(random_events(8000, 2)), "s", {});
   EXPECT_LT(even.chamfer_interval.low, even.distance.chamfer());

@@ -85,7 +85,8 @@ class Sight:
             sharp = self._sharp_copy(own.data)
             if self._camera.data != sharp:  # assigning the same data would re-evaluate the scene
                 self._camera.data = sharp
-            self._camera.matrix_world = own.matrix_world
+            if self._camera.parent != own:  # a copy of its matrix would lack the shear of scaled parents
+                self._camera.parent = own
         return self._camera
 
     def _sharp_copy(self, own: bpy.types.Camera) -> bpy.types.Camera:

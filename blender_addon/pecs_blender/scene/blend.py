@@ -48,6 +48,10 @@ class BlendScene(Source):
             raise bad_input(path, f"scene {self.scene.name!r}", "no camera", "an active camera")
         if self.scene.frame_end < self.scene.frame_start:
             raise bad_input(path, f"scene {self.scene.name!r}", "zero frames", "an end after the start")
+        layers = self.scene.view_layers
+        layers.move(next((i for i, layer in enumerate(layers) if layer.use), 0), 0)  # the first that renders
+        for one in (*bpy.data.objects, *bpy.data.collections):
+            one.hide_viewport = False  # hidden lamps and materials would keep the values of the file at all times
         render = self.scene.render
         self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
         self._fps = render.fps / render.fps_base
@@ -153,6 +157,11 @@ def notes(scene: bpy.types.Scene) -> Iterator[str]:
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
         aspect = f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}"
         yield f"pixels are square; the file's pixel aspect of {aspect} is ignored"
+    drawn = [thing.name for thing in first.objects if thing.type == "GREASEPENCIL" and not thing.hide_render]
+    if drawn:
+        yield f"grease pencil is not rendered: {_list(drawn)}"
+    if scene.render.use_multiview:
+        yield "stereo is ignored: one view is rendered"
     stops = {round(camera.data.dof.aperture_fstop, 4) for _, camera in _cuts(scene)}
     if len(stops) > 1:
         named = ", ".join(f"f/{stop:g}" for stop in sorted(stops))

@@ -32,6 +32,10 @@ def describe(source: BlendScene) -> dict[str, Any]:
     things = [thing for thing in scene.objects if thing.type == "CAMERA" and not thing.hide_render]
     poses: dict[str, list[list[float]]] = {thing.name: [] for thing in things}
     optics: dict[str, list[dict[str, Any]]] = {thing.name: [] for thing in things}
+    for thing in things:  # Blender evaluates no hidden ones, unless something depends on them
+        child = bpy.data.objects.new("pecs child", None)
+        child.parent = thing
+        scene.collection.objects.link(child)
     active: dict[str, None] = {}
     for i, t_s in enumerate(times_s.tolist()):
         source.set_time(t_s)

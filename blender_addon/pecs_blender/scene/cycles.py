@@ -117,6 +117,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
         layer.cycles.denoising_store_passes = sampling.denoise  # denoise.GUIDES
     scene.cycles.seed = sampling.seed
     scene.cycles.use_animated_seed = False  # a static pixel gets the same samples in every frame
+    scene.cycles.use_sample_subset, scene.cycles.time_limit = False, 0.0  # all samples, however long they take
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100
     scene.render.use_persistent_data = True
@@ -288,11 +289,12 @@ def for_one_sample(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple
     width, height = size or whole
     aspect = {"pixel_aspect_x": whole[0] / width, "pixel_aspect_y": whole[1] / height}
     ray = {"samples": 1, "max_bounces": 0, "transparent_max_bounces": 1024, "filter_width": 0.01}
+    ray["shading_system"] = False  # shaders in OSL write no AOVs
     changes = (
         (scene, {"camera": camera}),
         (render, {"use_border": False, "resolution_x": width, "resolution_y": height} | aspect),
         (cycles, ray),
-        (layer, {"use_pass_position": True, "use_pass_z": True}),
+        (layer, {"use_pass_position": True, "use_pass_z": True, "pass_alpha_threshold": 0.5}),
         (layer.cycles, {"denoising_store_passes": False}),
     )
     with changed(changes):

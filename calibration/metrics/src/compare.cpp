@@ -253,6 +253,13 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   if (options.realism && !c.realism)
     c.warnings.push_back(fmt::format("{}, {}: no realism: it requires {}", real_name, sim_name, kRealismRequires));
 
+  constexpr double kWhole = 0.8;  // of the window
+  for (const auto& [name, events] : {std::pair{real_name, &real.events}, {sim_name, &sim.events}})
+    if (const std::int64_t end_us = extent_us(*events);
+        static_cast<double>(end_us) < kWhole * static_cast<double>(c.window_us))
+      c.warnings.push_back(fmt::format(
+          "{}: events end after {} of the {} us that are compared; --window compares a time that both streams have",
+          name, end_us, c.window_us));
   for (const auto& [name, s] : {std::pair{real_name, c.real}, {sim_name, c.sim}})
     if (s.on_fraction == 0 || s.on_fraction == 1)
       c.warnings.push_back(

@@ -15,6 +15,11 @@ namespace {
 
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
+// Whether the run of digits that begins here has a sign: "-0006", "f_-0006"; in "f-0006" the hyphen separates.
+bool is_negative(const std::string& s, std::size_t run) {
+  return run > 0 && s[run - 1] == '-' && (run == 1 || s[run - 2] == '_' || s[run - 2] == '.');
+}
+
 // Compares runs of digits by value, all else by bytes.
 bool natural_less(const std::string& a, const std::string& b) {
   std::size_t i = 0, j = 0;
@@ -26,9 +31,10 @@ bool natural_less(const std::string& a, const std::string& b) {
         while (k < s.size() && is_digit(s[k])) ++k;
         return s.substr(first, k - first);
       };
+      const bool falls = is_negative(a, i);
       const std::string x = skip(a, i), y = skip(b, j);
-      if (x.size() != y.size()) return x.size() < y.size();
-      if (x != y) return x < y;
+      if (x.size() != y.size()) return (x.size() < y.size()) != falls;
+      if (x != y) return (x < y) != falls;
     } else if (a[i] != b[j]) {
       return a[i] < b[j];
     } else {
@@ -101,7 +107,7 @@ std::vector<std::string> digit_runs(const std::string& name) {
   std::vector<std::string> runs;
   for (std::size_t i = 0; i < name.size(); ++i)
     if (is_digit(name[i])) {
-      if (i == 0 || !is_digit(name[i - 1])) runs.emplace_back();
+      if (i == 0 || !is_digit(name[i - 1])) runs.emplace_back(is_negative(name, i) ? "-" : "");
       runs.back() += name[i];
     }
   return runs;

@@ -1,6 +1,7 @@
 #include <ImfChannelList.h>
 #include <ImfChromaticitiesAttribute.h>
 #include <ImfInputFile.h>
+#include <ImfMultiPartInputFile.h>
 #include <ImfStringAttribute.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -116,6 +117,24 @@ void check_primaries(const Imf::Header& header, const fs::path& path) {
                       fmt::format("({:.4g}, {:.4g}) of Rec. 709 (convert the frames)", wanted.x, wanted.y));
 }
 
+// Throws bad_input for a file of the light in another unit than the stack's.
+void check_unit(const Imf::Header& header, const fs::path& path, const StackInfo& info) {
+  if (info.quantity == Quantity::relative) return check_primaries(header, path);
+  if (header.findTypedAttribute<Imf::StringAttribute>("emissiveUnits") && quantity_of(header, path) != info.quantity)
+    throw bad_input(path.string(), "emissiveUnits", unit_of(quantity_of(header, path)),
+                    fmt::format("{}, as in the stack", unit_of(info.quantity)));
+}
+
+// Throws bad_input if a further part has all channels of the first one's light: a second eye, or another render.
+void check_parts(const fs::path& path, const Layer& light) {
+  const Imf::MultiPartInputFile file(path.string().c_str(), 0);
+  for (int part = 1; part < file.parts(); ++part)
+    if (std::ranges::all_of(light.channels, [&](const std::string& channel) {
+          return file.header(part).channels().findChannel(channel) != nullptr;
+        }))
+      throw bad_input(path.string(), "parts", fmt::format("light in part 0 and in part {}", part), "one part of light");
+}
+
 // Found by the names of the channels in a file.
 ForeignStack foreign_stack(const fs::path& path) {
   return reading(path, [&] {
@@ -148,7 +167,6 @@ ForeignStack foreign_stack(const fs::path& path) {
     }
     const auto has = [&](const char* name) { return header.channels().findChannel(name) != nullptr; };
     if (found.empty() && has("R") && has("G") && has("B")) {
-      check_primaries(header, path);
       f.layout = "RGB EXR";
       info.quantity = Quantity::relative;
       found = {{465, "B"}, {550, "G"}, {610, "R"}};
@@ -163,6 +181,8 @@ ForeignStack foreign_stack(const fs::path& path) {
       light.channels.push_back(name);
     }
     if (f.layout != "RGB EXR") bucket_weights(info.bands);
+    check_unit(header, path, info);
+    check_parts(path, light);
     info.layers = {std::move(light)};
     return f;
   });
@@ -320,6 +340,7 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
     check_declared_size(file.header(), path);
     const auto channels = check_header(file.header(), path, info_, layer, !has_json_);
     if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);
+    if (layer.name == kLight) check_unit(file.header(), path, info_);
     const Imath::Box2i box = file.header().dataWindow();
     if (!has_json_) {
       const Imath::Box2i& window = frame_window(file.header(), true);
@@ -347,6 +368,36 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
       y += rows;
     }
   });
+}
+
+SourceReport StackReader::report() const {
+  SourceReport out;
+  if (!info_.has_light) return out;
+  const fs::path path = frame_path(0);
+  bool is_half = false, is_lossy = false;
+  reading(path, [&] {
+    const Imf::InputFile file(path.string().c_str(), 0);
+    const Imf::Header& header = file.header();
+    for (const std::string& name : check_header(header, path, info_, info_.layers[0], !has_json_))
+      is_half |= header.channels()[name].type == Imf::HALF;
+    const Imf::Compression how = header.compression();
+    is_lossy = how == Imf::DWAA_COMPRESSION || how == Imf::DWAB_COMPRESSION ||
+               (is_half && (how == Imf::B44_COMPRESSION || how == Imf::B44A_COMPRESSION));
+  });
+  if (is_lossy)
+    out.warnings.push_back(fmt::format(
+        "{}: compression with loss, which causes events where blocks change; write ZIP or PIZ", path.string()));
+  if (!is_half) return out;
+  constexpr float kDark = 3e-7f;  // a fifth of it is the step of a half below 2^-14
+  const std::vector<float> light = read_frame(0);
+  const auto dark = std::ranges::count_if(light, [](float v) { return v > 0 && v < kDark; });
+  const double share = static_cast<double>(dark) / static_cast<double>(light.size());
+  if (share > 0.01)
+    out.warnings.push_back(
+        fmt::format("{}: {:.0f} % of the values are so small that a step of a half changes the light by 20 % or more, "
+                    "which causes events; write float, or larger values with --gain",
+                    path.string(), 100 * share));
+  return out;
 }
 
 std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {

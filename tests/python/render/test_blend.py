@@ -194,3 +194,66 @@ def test_what_a_foreign_file_cannot_choose(tmp_path):
     result = pecs_blender(*words, "--time", "adaptive", check=False)
     line = "--width: got 5000 x 1080 pixels of 2 x 2 subpixels, wanted 4 to 8192 each way"
     assert (result.returncode, result.stderr) == (2, f"pecs_blender: {line}\n")
+
+
+SETTINGS = """
+import bpy, sys
+from support.blend_parts import RED, ball, floor, lamp, material, start
+for name in ("plain", "settings", "others"):
+    scene = start()
+    light, view = lamp(), scene.camera.data
+    for data, key in ((light, "energy"), (view, "lens")):
+        data.keyframe_insert(key, frame=1)
+        setattr(data, key, 20)
+        data.keyframe_insert(key, frame=10)
+    glassy, tree, _ = material("glassy", ("ShaderNodeBsdfPrincipled", {"Base Color": RED, "Alpha": 0.6}))
+    ball(glassy)
+    layer = scene.view_layers[0]
+    if name == "settings":
+        for thing in scene.objects:
+            thing.hide_viewport = True
+        scene.cycles.time_limit, layer.pass_alpha_threshold, scene.cycles.shading_system = 0.001, 0.9, True
+        scene.cycles.use_sample_subset, scene.cycles.sample_offset, scene.cycles.sample_subset_length = True, 1, 1
+    elif name == "others":
+        floor(glassy)
+        squeezed = bpy.data.objects.new("squeezed", None)
+        squeezed.scale = 1, 2, 1
+        scene.collection.objects.link(squeezed)
+        scene.camera.parent, scene.camera.rotation_euler.z, scene.camera.location.z = squeezed, 0.3, 0.5
+        extra, second = bpy.data.collections.new("extra"), scene.view_layers.new("second")
+        scene.collection.children.link(extra)
+        extra.objects.link(bpy.context.object)
+        scene.collection.objects.unlink(bpy.context.object)
+        second.layer_collection.children["extra"].exclude, layer.use = True, False
+        scene.render.use_multiview = True
+        bpy.ops.object.grease_pencil_add(type="MONKEY")
+    bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/{name}.blend")
+"""
+
+
+def test_settings_of_blenders_own_renders(tmp_path):
+    """Samples, limits and OSL of the file's own renders, and what windows hide; a camera that its parent's scale
+    shears, the view layer that renders, and what is left out."""
+    import pecs
+
+    in_bpy(SETTINGS, tmp_path)
+    layers, words = ("depth", "normal", "objects"), {}
+    found = {}
+    for name in ("plain", "settings", "others"):
+        done = pecs_blender(
+            "render", tmp_path / f"{name}.blend", "-o", tmp_path / name, *SMALL, "--layers", ",".join(layers)
+        )
+        words[name] = done.stderr
+        with pecs.StackReader(tmp_path / name) as reader:
+            found[name] = [reader.read_frame(0), *(reader.read_layer(layer, 0) for layer in layers)]
+    for plain, same in zip(found["plain"], found["settings"], strict=True):
+        np.testing.assert_array_equal(same, plain)
+    light, depth, _, objects = found["others"]
+    seen = light[0] > 0
+    assert 20 < np.count_nonzero(seen) < 0.5 * seen.size  # the ball before nothing, without the floor
+    assert np.count_nonzero(seen != np.isfinite(depth[0])) <= 0.2 * np.count_nonzero(seen)  # its outline
+    assert ((objects[0] > 0) == np.isfinite(depth[0])).all()
+    assert "grease pencil is not rendered: 'Suzanne'" in words["others"] and "stereo is ignored" in words["others"]
+    assert "ignored" not in words["plain"]
+    shown, hidden = (json.loads(pecs_blender("cameras", tmp_path / f"{n}.blend").stdout) for n in ("plain", "settings"))
+    assert shown["cameras"]["camera"]["zooms"] and hidden["cameras"] == shown["cameras"]

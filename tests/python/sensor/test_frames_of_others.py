@@ -183,6 +183,8 @@ def test_gaps_in_the_numbers(tmp_path, pecs_program):
     (tmp_path / "t.txt").write_text("".join(f"{1000 * i}\n" for i in range(N) if i != 7))
     part = simulated(pecs_program, every, tmp_path / "p.npz", "--times", tmp_path / "t.txt")
     assert part["t"].max() == pytest.approx(wanted["t"].max(), abs=1000)
+    signed = write_pictures(tmp_path / "c", [f"f_{i - N:05}.tif" for i in range(N)])
+    assert_same(simulated(pecs_program, signed, tmp_path / "o.npz", "--fps", 1000), wanted)  # not in reverse
     masks = write_pictures(tmp_path / "b", [f"{i // 2:04}{'_mask' * (i % 2)}.tif" for i in range(N)])
     refused(pecs_program, masks, "got number 1 after 0", "--fps", 1000)
 
@@ -350,6 +352,48 @@ def test_what_exr_channels_mean(tmp_path, pecs_program, channels, attributes, sa
         refused(pecs_program, tmp_path, said, *words)
     else:
         simulated(pecs_program, tmp_path, tmp_path / "o.npz", *words)
+
+
+def test_every_exr_file_has_the_unit_of_the_first(tmp_path, pecs_program):
+    for i, frame in enumerate(FRAMES):
+        blue = {"chromaticities": (1, 0, 0, 1, 0, 0, 1 / 3, 1 / 3)} if i == 5 else {}
+        write_exr(tmp_path / f"{i:03}.exr", dict.fromkeys("RGB", frame), **blue)
+    refused(pecs_program, tmp_path, "005.exr: chromaticities: got a primary at (1, 0)", "--fps", 100)
+
+
+def test_two_parts_of_light_are_refused(tmp_path, pecs_program):
+    """The two eyes of a stereo render: the first part counted, whichever it was."""
+    oiio = pytest.importorskip("OpenImageIO")
+    for name, channels in (("eyes", "RGB"), ("depth", "Z")):
+        (tmp_path / name).mkdir()
+        for i, frame in enumerate(FRAMES):
+            specs = [oiio.ImageSpec(W, H, len(part), "float") for part in ("RGB", channels)]
+            for spec, part in zip(specs, ("RGB", channels), strict=True):
+                spec.channelnames = list(part)
+                spec.attribute("oiio:subimagename", "left" if spec is specs[0] else "right")
+            out = oiio.ImageOutput.create(str(tmp_path / name / f"{i:03}.exr"))
+            assert out.open(str(tmp_path / name / f"{i:03}.exr"), specs)
+            for k, spec in enumerate(specs):
+                assert k == 0 or out.open(str(tmp_path / name / f"{i:03}.exr"), spec, "AppendSubimage")
+                assert out.write_image(np.repeat(frame[..., None], spec.nchannels, axis=-1))
+            assert out.close()
+    refused(pecs_program, tmp_path / "eyes", "parts: got light in part 0 and in part 1, wanted one", "--fps", 100)
+    simulated(pecs_program, tmp_path / "depth", tmp_path / "o.npz", "--fps", 100)
+
+
+def test_lossy_exr_files_are_named(tmp_path, pecs_program):
+    cases = {
+        "dwaa": ("float", 1, "compression with loss"),
+        "half": ("half", 1e-6, "a step of a half"),
+        "zip": ("half", 1, ""),
+    }
+    for name, (kind, level, words) in cases.items():
+        (tmp_path / name).mkdir()
+        for i, frame in enumerate(FRAMES):
+            packed = {"compression": "dwaa" if name == "dwaa" else "zip"}
+            write_exr(tmp_path / name / f"{i:03}.exr", dict.fromkeys("RGB", frame * level), kind, **packed)
+        done = pecs_program("sense", tmp_path / name, "-o", tmp_path / "o.npz", "--fps", 100, *IDEAL)
+        assert done.returncode == 0 and ("warning" in done.stderr) == bool(words) and words in done.stderr, done.stderr
 
 
 # --- numbers of a window ----------------------------------------------------------------------------------------------

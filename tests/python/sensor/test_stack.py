@@ -179,6 +179,9 @@ def test_frame_that_is_not_of_the_stack(tmp_path):
     (tmp_path / "a/frame_000001.exr").write_bytes((tmp_path / "b/frame_000000.exr").read_bytes())
     with pytest.raises(pecs.PecsError, match="got 21x17, wanted 20x17"):
         StackReader(tmp_path / "a").read_frame(1)
+    (tmp_path / "a/stack.json").write_text(json.dumps(stack_json() | {"quantity": "radiance"}))
+    with pytest.raises(pecs.PecsError, match=r"emissiveUnits: got W.m\^-2.nm\^-1, wanted W.m\^-2.sr"):
+        StackReader(tmp_path / "a").read_frame(0)
 
 
 def test_colour_science_reads_our_frames(tmp_path):

@@ -75,6 +75,7 @@ class StackReader : public FrameSource {
   std::int64_t frames() const override { return frames_; }
   std::string name() const override { return folder_.string(); }
   std::string layout() const override { return layout_; }
+  SourceReport report() const override;
   void will_read(std::int64_t index) const override;
   // Throw bad_input naming stack.json if the layer of that name is not a motion layer.
   bool has_motion() const override;
