@@ -26,8 +26,8 @@ SHARED, SHARED_TURN = 0.0294, 0.467  # a current that all pixels share, of white
 SHARP, CENTRE, MUG_DN = (2, 6, 7, 8, 13, 17, 20, 23, 26), 20, 28  # frames; grey value of the mug in frames of still.npz
 EDGE_PX, SLICE_US, SMOOTH, DRAG, CHANCE = 40, 4000, 2.5, 0.3, 0.02  # CHANCE: of noise events
 LEAD_US = 2 * PERIOD_US
-CUPS_BLACK_DN, CUPS_WHITE_DN = 2, 130
-CUPS_WHITE_A = 2.4e-13  # that of camerashake, by grey value and exposure
+CUPS_BLACK_DN, CUPS_WHITE_DN = -24, 130  # the frames were darkened
+CUPS_WHITE_A = 7.5e-13  # both fitted to maps of frames 11, 13 and 15, with thresholds, which came out at 0.20 and 0.21
 CUPS_LEAD_US, CUPS_SKIP_US = 120e3, 2000  # before an exposure; of it, where frames may act on events
 SHAKE_PX, SHAKE_HZ = 5, 2.5
 

@@ -202,6 +202,9 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
         if moving.correlation < FULL_CORRELATION:
             why = f"got a correlation of {moving.correlation:.3f} of frames and events, wanted {FULL_CORRELATION:g}"
             line.note(f"pecs: fit: {file}: {why} or more: the thresholds are uncertain (5 s of motion, sharp frames?)")
+        if moving.unseen:
+            why = f"got no events between the exposures ({100 * moving.unseen:.0f} % of the time)"
+            line.note(f"pecs: fit: {file}: {why}: the thresholds are too large by up to this share (events cut off?)")
     if found.misfit is not None and found.misfit > LARGE_MISFIT:
         why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
         line.note(f"pecs: fit: {why} (levels, edges, region?)")

@@ -23,7 +23,7 @@ SEARCH_PIXELS = 1500
 SAMPLES = 11  # of an exposure
 LONG_GAP_US = 5e4  # between events of a pixel: nothing is said of the light within
 BRIGHT, DIM = 0.98, 10 / 255  # of the values of frames: not saturated, and above the value without light
-BLACKS = np.arange(0, 64, 4) / 255  # values without light that are tried
+BLACKS = np.arange(-32, 64, 4) / 255  # values without light that are tried; below 0: of frames darkened afterwards
 BLACK_STEP, LEAST_BLACK_SD = 2 / 255, 1.5 / 255  # for derivatives; of the value without light
 DARKEST = 0.02  # share of values that may be below them
 BRIGHTER = 0.4  # share of pixels that are too dim for thresholds: they are slow, and depend on the value without light
@@ -35,6 +35,7 @@ LEAST_CORRELATION = 0.5
 CLEAR_CORRELATION = 0.85  # for the spread over pixels
 FULL_CORRELATION = 0.9  # below it, thresholds are uncertain in either direction
 BURST_US = 500.0  # bins of the frame clock
+LEAST_RATE = 0.02  # of events between exposures, against those during exposures
 ROUNDS = 200  # of the bootstrap
 SEEN, SEEN_SD = 1.17, 0.08  # mismatch / its estimate, in ten simulated recordings
 SYSTEMATIC = 0.04  # of a threshold: see docs/howto/fit_camera.md#a-davis-with-frames
@@ -54,6 +55,7 @@ class Moving:
     correlation: float
     pairs: int
     mean_changes: tuple[Floats, Floats]
+    unseen: float  # share of the time, between exposures, of which the recording has no events
 
     @property
     def doubt(self) -> float:
@@ -160,7 +162,7 @@ class Changes:
     def measured(self, black: float, least: float | None = None) -> tuple[Floats, NDArray[np.bool_]]:
         """Of pixels whose geometric mean of both frames is above `least`."""
         a, b = self.frames[self.pairs], self.frames[self.pairs + self.step]
-        known = (np.minimum(a, b) > black + DIM) & (np.maximum(a, b) < BRIGHT)
+        known = (np.minimum(a, b) > max(black + DIM, 0.0)) & (np.maximum(a, b) < BRIGHT)
         known &= True if least is None else self.brightness > least
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(known, np.log((b - black) / (a - black)), 0.0), known
@@ -287,7 +289,7 @@ def measure_moving(of: DavisEvents, refractory_us: float) -> Moving:
             f"{of.name}: got {why}, wanted at least {LEAST_CORRELATION:g} (moving texture, sharp frames, their times)"
         )
     _, slopes = found.linear(thresholds)
-    lower = found.solve(max(black - BLACK_STEP, 0.0), least=least)[0]
+    lower = found.solve(black - BLACK_STEP, least=least)[0]
     by_black = np.abs(thresholds - lower) / BLACK_STEP * max(float(np.std(of_quarters)) / 2, LEAST_BLACK_SD)
     sd = np.hypot(_bootstrap(found.block, slopes, measured - change, weight), by_black)
     edges = np.quantile(change[known], np.linspace(0.01, 0.99, 21))
@@ -298,13 +300,24 @@ def measure_moving(of: DavisEvents, refractory_us: float) -> Moving:
     # Pixels with low thresholds have more events, and count more: E(1/t) / E(1/t^2) is t (1 - 2 spread^2).
     mean = thresholds * (1 + 2 * (spread[0] ** 2 if spread else 0.0))
     on, off = ((float(t), float(np.hypot(s, SYSTEMATIC * t))) for t, s in zip(mean, sd, strict=True))
-    return Moving(on, off, spread, black, correlation, len(found.pairs), tuple(means))  # type: ignore[arg-type]
+    return Moving(on, off, spread, black, correlation, len(found.pairs), tuple(means), unseen(of))  # type: ignore[arg-type]
+
+
+def unseen(of: DavisEvents) -> float:
+    """Some recordings have events during exposures alone: the share of the time between these, else 0."""
+    gaps_us = of.begin_us[1:] - of.end_us[:-1]
+    if not (of.end_us > of.begin_us).all() or not (gaps_us > 0).all():
+        return 0.0
+    first, behind = (np.searchsorted(of.events["t"], t) for t in (of.begin_us, of.end_us))
+    rates = (first[1:] - behind[:-1]).sum() / gaps_us.sum(), (behind - first).sum() / (of.end_us - of.begin_us).sum()
+    share = float(gaps_us.sum() / (of.begin_us[-1] - of.begin_us[0]))
+    return share if rates[0] < LEAST_RATE * rates[1] else 0.0
 
 
 def _black(of: Changes) -> float:
     """The frames' value without light: where dim and bright pixels have the same thresholds."""
     darkest = float(np.quantile(of.frames, DARKEST))
-    blacks = BLACKS[BLACKS <= max(darkest, BLACKS[1])]
+    blacks = BLACKS[BLACKS <= max(darkest, DIM)]
     below = np.nan
     for k, black in enumerate(blacks):
         uneven = of.uneven(float(black))

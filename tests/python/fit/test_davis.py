@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pecs
 import pytest
 from pecs.fit import Davis, davis_fit, fit_davis
+from pecs.fit.davis import measure_moving, unseen
 from pecs.fit.davis_recording import DavisEvents, load_davis
 from pecs_lab import davis_scene
 from support import run_module
@@ -146,6 +148,22 @@ def test_events_that_do_not_follow_the_frames_are_refused(recording, tmp_path):
     pecs.write(folder / "events.npz", events)
     with pytest.raises(pecs.PecsInputError, match="wanted at least 0.5"):
         fit_davis(Davis(folder), "davis240c", pixels=128)
+
+
+def test_frames_that_were_darkened_have_a_value_without_light_below_0(recording):
+    of = load_davis(Davis(recording))
+    dark = measure_moving(replace(of, frames=np.maximum(of.frames - 0.1, 0)), 0.0)
+    whole = measure_moving(of, 0.0)
+    assert whole.black > 0 and dark.black == pytest.approx(whole.black - 0.1, abs=0.02)
+    assert dark.threshold_on[0] == pytest.approx(whole.threshold_on[0], rel=0.05)
+
+
+def test_a_recording_with_events_during_exposures_alone_is_noted(recording):
+    of = load_davis(Davis(recording))
+    after = np.searchsorted(of.begin_us, of.events["t"], "right") - 1
+    kept = (after >= 0) & (of.events["t"] < of.end_us[after])
+    cut = replace(of, events=pecs.Events(np.asarray(of.events)[kept], *SIZE))
+    assert unseen(of) == 0 and unseen(cut) == pytest.approx(4 / 7, abs=0.01)
 
 
 def test_other_recordings_beside_it_and_chips_without_frames_are_refused(recording, tmp_path):
