@@ -87,7 +87,7 @@ class TrainConfig:
     learning_rate: float = 2e-3
     decay_steps: int = 350  # last steps, over which the learning rate falls to 0
     ssim_weight: float = 0.5  # weight of 1 - SSIM, which is added to L1
-    correlation_weight: float = 0.5  # weight of 1 - correlation, which is added too
+    correlation_weight: float = 1.0  # weight of 1 - correlation, which is added too
     stretched_weight: float = 1.0  # weight of the MSE of stretched pictures, which is added too
     data: str = ""  # which sequences: another run of other ones does not continue this one
     weights_sha256: str | None = None  # hash of the network whose weights are the first ones

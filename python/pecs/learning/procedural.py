@@ -22,9 +22,10 @@ from .limits import ProceduralConfig
 
 CHIP = "davis346"
 TEXTURE_PX = 320  # side of a layer's texture
-MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (2.3, 3.7, 6.0, 9.1)  # a shaking camera sees the edges of large things only
+MOTION_HZ, SHAKE_HZ = (0.4, 1.1, 2.9, 6.0), (1.3, 2.3, 3.7, 6.0, 9.1)
 LETTERS = list("ABCDEFGHKMNPRSTXYZ0123456789agkmx")
 FASTEST_PX_S = (20, 1200)  # of the background, drawn log-uniformly
+HELD, SHAKE_PX = 0.6, (2, 24)  # cameras in a hand, and how far they shake: they see the edges of large things only
 TRUTH_US = 5000  # between pictures
 WHITE_A = (3e-15, 4e-12)  # photocurrent of white, drawn log-uniformly: corners of 2 Hz to 2.4 kHz
 THRESHOLDS = (0.08, 0.5)  # mean of ON and OFF, drawn log-uniformly
@@ -107,18 +108,24 @@ def _texture(rng: Rng, plain: float) -> Picture:
 def _cover(rng: Rng) -> Picture:
     out = np.zeros((TEXTURE_PX, TEXTURE_PX), np.float32)
     middle, sides = rng.uniform(60, TEXTURE_PX - 60, 2), rng.uniform(12, 110, 2)
-    if rng.random() < 0.5:
+    kind = rng.random()
+    if kind < 0.35:
         cv2.ellipse(out, (tuple(middle), tuple(2 * sides), rng.uniform(0, 180)), 1, -1, cv2.LINE_AA)
+    elif kind < 0.7:
+        corners = cv2.boxPoints((tuple(middle), tuple(1.6 * sides), rng.normal(0, 8))).astype(np.int32)
+        cv2.fillPoly(out, [corners], 1, lineType=cv2.LINE_AA)
     else:
         corners = (middle + rng.normal(0, 55, (int(rng.integers(3, 7)), 2))).astype(np.int32)
         cv2.fillPoly(out, [corners], 1, lineType=cv2.LINE_AA)
     return out
 
 
-def _path(rng: Rng, times_s: NDArray[np.float64], still: NDArray[np.bool_], fastest: float) -> NDArray[np.float64]:
-    """Position over time whose largest speed is `fastest` per second; it stands where `still`."""
+def _path(
+    rng: Rng, times_s: NDArray[np.float64], still: NDArray[np.bool_], fastest: float, shakes: float
+) -> NDArray[np.float64]:
+    """Position over time whose largest speed is `fastest` per second; it stands where `still`. shakes: how likely."""
     speed = np.zeros(len(times_s))
-    for hz in SHAKE_HZ if rng.random() < 0.4 else MOTION_HZ:
+    for hz in SHAKE_HZ if rng.random() < shakes else MOTION_HZ:
         speed += rng.normal() * np.sin(2 * math.pi * hz * times_s + rng.uniform(0, 2 * math.pi)) / hz**0.8
     speed *= fastest / max(float(np.abs(speed).max()), 1e-9)
     speed[still] = 0
@@ -133,33 +140,38 @@ def _pauses(rng: Rng, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     return still
 
 
-def _layers(rng: Rng, times_s: NDArray[np.float64], fastest_px_s: float) -> Iterator[Layer]:
-    """The background and up to four things before it. In half of the sequences the camera moves, and all move alike but
-    for their distance; in the others each moves by itself. All of them stand in pauses, or each has its own."""
-    common = _pauses(rng, times_s) if rng.random() < 0.7 else None
+def _layers(rng: Rng, times_s: NDArray[np.float64], fastest_px_s: float, held: bool) -> Iterator[Layer]:
+    """The background and up to four things before it. Each moves by itself, or the camera moves, so that things at one
+    distance move alike: always if it is held, and in half of the other sequences. All stand in pauses, or each does."""
+    common = _pauses(rng, times_s) if held or rng.random() < 0.7 else None
+    flat = rng.permutation([1.0, _uniform_log(rng, 0.1, 1)]) if held else np.ones(2)  # hands shake along one direction
 
     def motion(near: float) -> Iterator[NDArray[np.float64]]:
         still = _pauses(rng, times_s) if common is None else common
-        fastest = near * fastest_px_s, near * fastest_px_s, _uniform_log(rng, 0.03, 2), _uniform_log(rng, 0.01, 0.5)
-        return (_path(rng, times_s, still, most) for most in fastest)
+        turn, grow = (0.03, 0.01) if held else (1, 1)
+        x, y = near * fastest_px_s * flat
+        fastest = x, y, turn * _uniform_log(rng, 0.03, 2), grow * _uniform_log(rng, 0.01, 0.5)
+        return (_path(rng, times_s, still, most, 0.9 if held else 0.4) for most in fastest)
 
-    shared = list(motion(1)) if rng.random() < 0.5 else None
+    shared = list(motion(1)) if held or rng.random() < 0.5 else None
     for i in range(int(rng.integers(1, 6))):
         cover = _cover(rng) if i else np.ones((TEXTURE_PX,) * 2, np.float32)
-        apart = rng.uniform(-45, 45, 2) if i else (0, 0)
+        apart = rng.uniform(-60, 60, 2) if i else (0, 0)
         nearer = rng.uniform(0.9, 1.2) if i else 1
         x, y, turn, grow = [nearer * a for a in shared] if shared else motion(rng.uniform(0.2, 1) if i else 1)
-        yield Layer(_texture(rng, 0.4 if i else 0.1), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
+        yield Layer(_texture(rng, 0.4 if i else 0.3), cover, x + apart[0], y + apart[1], turn, np.exp(grow))
 
 
 def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Picture]:
     """Times [n] us, half a pixel of the fastest motion or 2 ms apart at most, and light [n, H, W]; 1: white."""
-    fastest = _uniform_log(rng, *FASTEST_PX_S)
+    held = rng.random() < HELD
+    fastest = 2 * math.pi * SHAKE_HZ[1] * _uniform_log(rng, *SHAKE_PX) if held else _uniform_log(rng, *FASTEST_PX_S)
     n = math.ceil(config.duration_us * 1e-6 * min(max(2 * fastest, 500), 1000))
     times_us = np.linspace(0, config.duration_us, n + 1)
-    layers, side, middle = list(_layers(rng, times_us * 1e-6, fastest)), config.size, TEXTURE_PX / 2
+    layers, side, middle = list(_layers(rng, times_us * 1e-6, fastest, held)), config.size, TEXTURE_PX / 2
     lamp = cv2.resize(_noise(rng)[:6, :6], (side, side), interpolation=cv2.INTER_CUBIC)
     lamp = np.exp((lamp - lamp.mean()) * rng.uniform(0, 1)).astype(np.float32)  # uneven light
+    blur = rng.uniform(0.4, 1.2) if rng.random() < 0.6 else 0  # of a lens [px]
     out = np.empty((n + 1, side, side), np.float32)
     for k, picture in enumerate(out):
         for i, layer in enumerate(layers):
@@ -172,6 +184,8 @@ def light(rng: Rng, config: ProceduralConfig) -> tuple[NDArray[np.float64], Pict
                 moved = picture + cover * (moved - picture)
             picture[:] = moved
         picture *= lamp
+        if blur:
+            cv2.GaussianBlur(picture, (0, 0), blur, dst=picture)
     return times_us, out / max(float(np.percentile(out, 99)), 1e-3)
 
 
@@ -189,8 +203,22 @@ def camera(rng: Rng) -> dict[str, Any]:
         "hot_pixel_fraction": _uniform_log(rng, 1e-4, 3e-3),
         "hot_pixel_hz": _uniform_log(rng, 10, 300),
         "refractory_period_s": _uniform_log(rng, 1e-5, 2e-3),
+        "amplifier_cutoff_hz": _uniform_log(rng, 100, 3000),
+        "noise_std": rng.uniform(0, 0.06) if threshold > 0.15 else 0.02,
     }
-    return {"photocurrent_a": photocurrent_a, "overrides": values}
+    frames = rng.random() < 0.4  # a DAVIS also takes frames, whose exposures disturb its pixels
+    if frames:
+        period_s = _uniform_log(rng, 0.03, 0.15)
+        values |= {
+            "frame_period_s": period_s,
+            "frame_exposure_s": rng.uniform(0.1, 0.7) * period_s,
+            "frame_dead_s": 0.25 * period_s,
+            "frame_step": threshold * _uniform_log(rng, 0.1, 0.6),
+            "frame_step_spread": rng.uniform(0.1, 1),
+            "frame_step_slow": threshold * _uniform_log(rng, 0.05, 0.3),
+            "frame_step_slow_s": _uniform_log(rng, 2e-3, 1e-2),
+        }
+    return {"photocurrent_a": photocurrent_a, "overrides": values, "chip_frames": frames}
 
 
 @dataclass(frozen=True)
@@ -209,7 +237,8 @@ def sequence(
     rng = np.random.Generator(np.random.Philox(key=[seed, number]))
     times_us, planes = light(rng, config)
     drawn = {"chip": CHIP, "seed": number, "readout": "ideal", "threads": 1, "model": config.model} | camera(rng)
-    events = simulate(planes, times_us, **drawn)
+    found = simulate(planes, times_us, **drawn)
+    events = found[0] if drawn.get("chip_frames") else found
     shown_us = np.arange(0, config.duration_us + 1, TRUTH_US)
     shown = planes[np.searchsorted(times_us, shown_us - 1e-6)]
     with Chip(CHIP) as chip:
