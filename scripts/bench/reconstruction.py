@@ -2,9 +2,9 @@
 
     .venv-datasets/bin/python scripts/bench/reconstruction.py [--weights NETWORK.onnx] [--threads 1]
 
-Reconstruction (346x260, 1 million events/s, 50 pictures/s) is timed from event file to MP4, by the network and by the
-filter in turn. Prints JSON: medians over passes, by the clock and by the CPU time of all threads (on a machine with
-other work the clock says more about that), and the load.
+Reconstruction (346x260, 1 million events/s, 50 pictures/s) is timed from event file to MP4, by the network, by it with
+--smooth and by the filter in turn. Prints JSON: medians over passes, by the clock and by the CPU time of all threads
+(on a machine with other work the clock says more about that), and the load.
 """
 
 import tempfile
@@ -17,7 +17,7 @@ import torch
 from pecs.learning.reconstruct import WEIGHTS, reconstruct
 from pecs_lab.measure import command
 
-PASSES, SECONDS = 5, 1.0  # each of so long a recording
+PASSES, SECONDS = 3, 4.0  # each of so long a recording
 WIDTH, HEIGHT, EVENTS_PER_S = 346, 260, 1_000_000
 
 
@@ -27,14 +27,16 @@ def reconstruction(weights: Path, threads: int) -> dict:
     events["t"] = np.sort(rng.integers(0, int(SECONDS * 1e6), len(events)))
     events["x"], events["y"] = rng.integers(0, WIDTH, len(events)), rng.integers(0, HEIGHT, len(events))
     events["p"] = rng.integers(0, 2, len(events))
-    rates = {"network": [], "filter": []}  # [pictures/s, CPU seconds of a picture]
+    ways = {"network": {"weights": weights}, "smooth": {"weights": weights, "smooth": True}}
+    ways["filter"] = {"method": "filter"}
+    rates = {how: [] for how in ways}  # [pictures/s, CPU seconds of a picture]
     with tempfile.TemporaryDirectory() as scratch:
         pecs.write(f"{scratch}/events.raw", events, WIDTH, HEIGHT)
         for one in range(PASSES):
-            for how, file in (("network", weights), ("filter", None)):
+            for how, options in ways.items():
                 begin, begin_cpu = time.perf_counter(), time.process_time()
                 video = f"{scratch}/{how}{one}.mp4"
-                done = reconstruct(f"{scratch}/events.raw", video, method=how, weights=file, threads=threads)
+                done = reconstruct(f"{scratch}/events.raw", video, threads=threads, **options)
                 took = time.perf_counter() - begin, time.process_time() - begin_cpu
                 rates[how].append((done["pictures"] / took[0], took[1] / done["pictures"]))
     return {

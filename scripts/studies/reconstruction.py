@@ -4,8 +4,8 @@
         [--window-ms 10 20 40] [-o scripts/studies/reconstruction.json] [--picture docs/studies/reconstruction.png]
         [--look PICTURE] [--train FOLDER]
 
-Methods are the filter, the network that PECS includes (`shipped`), and those that are named. Windows have each of the
-lengths; the picture nearest to a frame's time is scored.
+Methods are the filter, the network that PECS includes (`shipped`) and those that are named, also with `--smooth`.
+Windows have each of the lengths; the picture nearest to a frame's time is scored.
     camerashake (DAVIS240C): sharp frames after motion, and in stillness
     cups (DAVIS346): the mean of the pictures in an exposure beside the frame, which motion blurs
     R_360_L: edges of the lab's disk, on every fourth pixel, after the first fifth of the recording, with and
@@ -39,6 +39,7 @@ import pecs
 from pecs.learning import procedural
 from pecs.learning.limits import ClipConfig, TrainConfig
 from pecs.learning.reconstruct import CUTOFF_HZ, WEIGHTS, Filter, Network, Window, late_us
+from pecs.learning.smooth import smooth
 from pecs_lab import sequences
 from pecs_lab.disk import edges
 from pecs_lab.report import write
@@ -49,7 +50,7 @@ SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33,
 COARSER, NEAR_PX = 4, 3
 DISK_HZ = 2.5  # corner in the mean light: 4.6 Hz in white, and half of the disk is black (docs/studies/accuracy.md)
 PICTURED = (8, 20, 33)  # frames
-HELD_OUT, SHOWN, AT = 999, (3, 4, 6, 13), 90  # seed, numbers of those with most events of the first 20, window
+HELD_OUT, SHOWN, AT = 999, (2, 5, 10, 14), 90  # seed, numbers of those with most events of the first 20, window
 
 
 STEPS, CROP, COUNT, SEEDS = 120, 64, 60, (1, 2, 3)  # of the comparison
@@ -125,12 +126,17 @@ def recording(*paths: Path) -> np.ndarray:
     return np.concatenate(parts)
 
 
+class Smooth(Network):
+    """As `--smooth`."""
+
+
 def video(method, events: np.ndarray, end_us: float, window_us: float) -> tuple[np.ndarray, np.ndarray]:
     """Ends of all windows from 0, and pictures [n, H, W]."""
     ends = np.arange(1, round(end_us / window_us) + 1) * window_us
     cuts = np.searchsorted(events["t"], [0, *ends])
     windows = (Window(end - window_us, end, events[cuts[k] : cuts[k + 1]]) for k, end in enumerate(ends))
-    return ends, np.stack([np.asarray(method(window), np.float32) for window in windows])
+    pictures = smooth(method, windows, window_us) if isinstance(method, Smooth) else map(method, windows)
+    return ends, np.stack([picture.astype(np.float32) for picture in pictures])
 
 
 def stretched(picture: np.ndarray) -> np.ndarray:
@@ -247,7 +253,8 @@ def main() -> None:
     networks = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
     networks |= {name: Path(path) for name, path in (text.split("=", 1) for text in args.networks)}
     methods = {"filter": lambda w, h: Filter(w, h, CUTOFF_HZ)}
-    methods |= {name: functools.partial(Network, path) for name, path in networks.items()}
+    for name, path in networks.items():
+        methods |= {name: functools.partial(Network, path), f"{name}, smooth": functools.partial(Smooth, path)}
     real, results, strips = args.data, json.loads(args.output.read_text()) if args.output.exists() else {}, []
     if args.train:
         results[f"simulators, {middle_ms:g} ms"], strips = comparison(args.train, real, middle_ms)

@@ -30,6 +30,7 @@ RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
     "pecs reconstruct recording.raw -o video.mp4 --method filter --cutoff 5Hz",
     "pecs reconstruct recording.raw -o slow.mp4 --fps 100 --playback-fps 25",
+    "pecs reconstruct recording.raw -o video.mp4 --smooth                # uses the events after each picture",
     "pecs reconstruct recording.raw -o video.mp4 --corner 5Hz            # dim light, in which events come late",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
 )
@@ -86,6 +87,8 @@ def _parser() -> Parser:
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
     about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"
     one.add_argument("--corner", type=rate, help=about)
+    about = "also use the events after each picture: less error, 2.5 times the time"
+    one.add_argument("--smooth", action="store_true", help=about)
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
@@ -144,6 +147,7 @@ def _reconstruct(args: argparse.Namespace) -> None:
         playback_fps=args.playback_fps,
         cutoff_hz=args.cutoff,
         corner_hz=args.corner,
+        smooth=args.smooth,
         size=args.size,
         threads=args.threads,
         progress=lambda n: line(f"reconstruct: {n} pictures", n, total),

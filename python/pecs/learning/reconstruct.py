@@ -21,6 +21,7 @@ from ..events import EVENT_DTYPE, EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
 from .limits import WHOLE, NetworkConfig
+from .smooth import smooth as smoothed
 from .video import Range, VideoWriter
 
 NETWORK_FORMAT = "2"
@@ -132,7 +133,7 @@ class Network:
         record = Fields(parse_json(said.get("record", ""), f"{path}: record"), path, "record")
         config = NetworkConfig.read(record.table("network"))
         self._path, self.record = path, record.content
-        self._bins, self._size = config.bins, (height, width)
+        self._bins, self.size = config.bins, (height, width)
         step = 2**config.levels
         self._pad = -height % step, -width % step
         self._states = self._first_states(config.levels)
@@ -145,7 +146,7 @@ class Network:
             name = _STATE_NAME.fullmatch(entry.name)
             channels = entry.shape[1] if len(entry.shape) == 4 else None
             if name and int(name[1]) <= levels and isinstance(channels, int) and 0 < channels <= MOST_CHANNELS:
-                size = (n + more >> int(name[1]) for n, more in zip(self._size, self._pad, strict=True))
+                size = (n + more >> int(name[1]) for n, more in zip(self.size, self._pad, strict=True))
                 found[entry.name] = np.zeros([1, channels, *size], np.float32)
         names = [entry.name for entry in inputs]
         if names != ["planes", *found] or len(self._session.get_outputs()) != len(names):
@@ -153,7 +154,7 @@ class Network:
         return found
 
     def __call__(self, window: Window) -> NDArray[np.float64]:
-        height, width = self._size
+        height, width = self.size
         grid = voxel_grid(window.events, width, height, self._bins, window.begin_us, window.end_us)
         grid = np.pad(grid, ((0, 0), *((0, n) for n in self._pad)))
         planes = compressed(grid, window.end_us - window.begin_us)[None]
@@ -196,6 +197,7 @@ def reconstruct(
     fps: float = 50.0,
     cutoff_hz: float | None = None,
     corner_hz: float | None = None,
+    smooth: bool = False,
     playback_fps: float | None = None,
     size: tuple[int, int] | None = None,
     threads: int = 0,
@@ -205,30 +207,35 @@ def reconstruct(
 
     method: one of `METHODS`. weights: a network (.onnx); None: the one that PECS includes. cutoff_hz: of the filter;
     None: `CUTOFF_HZ`. corner_hz: of the photoreceptors in the mean light: each picture is `late_us` before the end of
-    its window; None: at the end. size: width and height, for a file that does not say.
-    progress: called with the number of pictures so far. Returns what was done.
+    its window; None: at the end. smooth: the network also uses the events after a picture. size: width and height, for
+    a file that does not say. progress: called with the number of pictures so far. Returns what was done.
     Raises PecsNotFoundError for missing files, PecsInputError for wrong ones, PecsOutputError.
     """
     source, output = Path(source), Path(output)
-    chosen = _weights(method, weights, cutoff_hz)
+    chosen = _weights(method, weights, cutoff_hz, smooth)
     check_outputs([source, chosen], [output])
     with EventReader(source) as reader:
         width, height = size or (reader.info["width"], reader.info["height"])
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
-        make: Method = (
-            Network(chosen, width, height, threads) if chosen else Filter(width, height, cutoff_hz or CUTOFF_HZ)
-        )
+        network = Network(chosen, width, height, threads) if chosen else None
+        make: Method = network or Filter(width, height, cutoff_hz or CUTOFF_HZ)
         length_us, late = 1e6 / fps, late_us(corner_hz)
         found, events, early = windows(reader, length_us, late), 0, math.ceil(late / length_us)
         first = next(found, None)  # a recording that has none leaves no unfinished video
         if first is None:
             raise PecsInputError(f"{source}: the file has no events")
-        with VideoWriter(output, width, height, playback_fps or fps) as video:
-            for number, window in enumerate(chain([first], found)):
+
+        def checked() -> Iterator[Window]:
+            nonlocal events
+            for window in chain([first], found):
                 _inside(source, window.events, width, height)
                 events += len(window.events)
-                picture = make(window)
+                yield window
+
+        pictures = smoothed(network, checked(), length_us) if network and smooth else map(make, checked())
+        with VideoWriter(output, width, height, playback_fps or fps) as video:
+            for number, picture in enumerate(pictures):
                 if number < early:  # of a time before the first event
                     continue
                 video.write(np.round(255 * picture).astype(np.uint8))
@@ -249,13 +256,15 @@ def reconstruct(
             }
 
 
-def _weights(method: str, weights: str | PathLike[str] | None, cutoff_hz: float | None) -> Path | None:
+def _weights(method: str, weights: str | PathLike[str] | None, cutoff_hz: float | None, smooth: bool) -> Path | None:
     """None: the filter."""
     if method not in METHODS:
         raise UsageError(f"method: got {method!r}, wanted one of {', '.join(METHODS)}")
     if method == "filter":
         if weights is not None:
             raise UsageError(f"--weights {weights}: the filter has no weights")
+        if smooth:
+            raise UsageError("--smooth: the filter uses no later events (--method network does)")
         return None
     if cutoff_hz is not None:
         raise UsageError(f"--cutoff {cutoff_hz:g}Hz: the network has no cutoff frequency (--method filter has one)")

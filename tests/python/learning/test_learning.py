@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pecs
 import pytest
+from pecs.learning import smooth
 from pecs.learning.filter import HighPass
-from pecs.learning.reconstruct import late_us, windows
+from pecs.learning.reconstruct import Window, late_us, windows
 from pecs.learning.video import Range
 from pecs_lab.disk import Disk, edges
 from support import run_module
@@ -88,6 +89,64 @@ def test_pictures_of_dim_light_are_earlier(recording, tmp_path):
     assert "events are late (--corner)" in learning("reconstruct", *words, check=False).stderr
 
 
+class Count:
+    """A network whose picture is the number of ON minus that of OFF events of all windows so far."""
+
+    size = 1, 2
+    windows = []
+
+    def __init__(self):
+        self.sum = 0.0
+
+    def __call__(self, window):
+        t = window.events["t"]
+        assert not len(t) or (window.begin_us <= t[0] and t[-1] < window.end_us and (np.diff(t) >= 0).all())
+        self.windows.append((window.begin_us, window.end_us))
+        self.sum = self.sum + 2.0 * window.events["p"].sum() - len(t)
+        return np.array([[-1.0, 1.0]]) + self.sum
+
+
+@pytest.mark.parametrize(("length_us", "several"), [(100_000.0, 1), (40_000.0, 1), (20_000.0, 2), (13_333.4, 3)])
+def test_smooth_pictures_know_before_and_after(monkeypatch, length_us, several):
+    """Windows of 40 ms or of a picture, in turn, each event once in each turn and direction; blocks end anywhere."""
+    rng, n = np.random.default_rng(2), 23
+    events = np.zeros(4000, pecs.EVENT_DTYPE)
+    events["t"], events["p"] = np.sort(rng.integers(0, int(n * length_us), 4000)), rng.random(4000) < 0.7
+    cuts = np.searchsorted(events["t"], np.arange(n + 1) * length_us)
+    made = [Window(k * length_us, (k + 1) * length_us, events[cuts[k] : cuts[k + 1]]) for k in range(n)]
+    summed = np.array([0, *np.cumsum([2.0 * w.events["p"].sum() - len(w.events) for w in made])])
+
+    def shown():
+        return [picture.mean() for picture in smooth.smooth(Count(), iter(made), length_us)]
+
+    def forward(k):
+        return summed[k + 1]  # windows of a turn follow each other
+
+    def backward(k, end):
+        return summed[k + 1] - summed[end]
+
+    def steady(values):
+        weights = {1: [1], 2: [0.25, 0.5, 0.25], 3: [1 / 3] * 3}[several]
+        return np.convolve(np.pad(values, len(weights) // 2, mode="edge"), weights, "valid")
+
+    whole = shown()  # one block
+    wanted = [(forward(k) + backward(k, n)) / 2 for k in range(n - 1)]
+    np.testing.assert_allclose(whole, steady([*wanted, forward(n - 1)]), rtol=1e-6)
+    assert {round(end - begin) for begin, end in Count.windows} == {round(several * length_us)}
+    for block, ahead in ((4, 2), (7, 3), (1, 1)):
+        monkeypatch.setattr(smooth, "BLOCK_US", block * length_us)
+        monkeypatch.setattr(smooth, "AHEAD_US", ahead * length_us)
+        reach = max(several, min(ahead, block // 2))
+        wanted = []
+        for k in range(n - 1):
+            end = min(k - k % block + block + reach, n)
+            wanted.append((forward(k) + backward(k, end)) / 2 if k + 1 < end else forward(k))
+        np.testing.assert_allclose(shown(), steady([*wanted, forward(n - 1)]), rtol=1e-6, err_msg=f"{block} {ahead}")
+    assert len(list(smooth.smooth(Count(), iter(made[:1]), length_us))) == 1
+    assert not list(smooth.smooth(Count(), iter(()), length_us))
+    Count.windows.clear()
+
+
 def test_what_is_wrong_is_one_line(recording, tmp_path):
     path, events = recording
     pecs.write(tmp_path / "none.raw", events[:0], W, H)
@@ -114,6 +173,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx"), 3, "no.onnx"),
         ((path, "-o", tmp_path / "x.mp4", "--weights", tmp_path / "no.onnx", "--method", "filter"), 2, "no weights"),
         ((path, "-o", tmp_path / "x.mp4", "--cutoff", "5Hz"), 2, "no cutoff frequency"),
+        ((path, "-o", tmp_path / "x.mp4", "--smooth", "--method", "filter"), 2, "no later events"),
     ):
         result = learning("reconstruct", *words, check=False)
         said = result.stderr.strip().splitlines()
