@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import chain
 from os import PathLike
 from pathlib import Path
@@ -17,18 +16,18 @@ from numpy.typing import NDArray
 from .._config import Fields, parse_json
 from .._errors import PecsInputError, UsageError, bad_input, existing, optional_module
 from .._files import check_outputs, read_bytes
-from ..events import EVENT_DTYPE, EventReader
+from ..events import EventReader
 from ..representations import voxel_grid
 from .filter import HighPass
 from .limits import WHOLE, NetworkConfig
 from .smooth import smooth as smoothed
 from .video import Range, VideoWriter
+from .windows import Window, windows
 
 NETWORK_FORMAT = "2"
 STATE = "state"  # prefix of the names of a network's states: state_NUMBER_LEVEL
 _STATE_NAME = re.compile(rf"{STATE}_[0-9]{{1,3}}_([0-9])")
 MOST_CHANNELS = WHOLE["channels"][1] << 10  # of a state
-MOST_WINDOWS = 1_000_000  # pictures of a video
 MOST_BYTES = 1 << 30  # of a network
 USUAL_US = 20_000.0  # length of a window
 LATE = 0.4  # of the time constant of the photoreceptors: how late events show the light, in the middle
@@ -37,45 +36,9 @@ METHODS = ("network", "filter")
 WEIGHTS = Path(__file__).with_name("network.onnx")  # the network that PECS includes; its record is inside
 
 
-@dataclass(frozen=True)
-class Window:
-    """Events with begin_us <= t < end_us."""
-
-    begin_us: float
-    end_us: float
-    events: NDArray[np.void]
-
-
 def late_us(corner_hz: float | None) -> float:
     """How much earlier the picture of a window was than the window's end: in dim light, events come late."""
     return 1e6 * LATE / (2 * np.pi * corner_hz) if corner_hz else 0.0
-
-
-def windows(reader: EventReader, length_us: float, after_us: float = 0.0) -> Iterator[Window]:
-    """Consecutive windows, empty ones too, from the first event to the window of the last event; one of them begins
-    after_us after the first event. Raises PecsInputError for more than `MOST_WINDOWS`."""
-    kept: list[NDArray[np.void]] = []
-    begin_us, number, last_us = None, 0, np.iinfo(np.int64).min
-    for block in reader:
-        events = np.asarray(block)
-        if events["t"][0] < last_us or (np.diff(events["t"]) < 0).any():
-            raise bad_input(
-                "times", "", "an event earlier than one before it", "the order of time (pecs convert --late sort)"
-            )
-        last_us = events["t"][-1]
-        if begin_us is None:
-            begin_us = float(events["t"][0]) + after_us - length_us * math.ceil(after_us / length_us)
-        if (count := (float(events["t"][-1]) - begin_us) / length_us) > MOST_WINDOWS:
-            got = f"{count:.4g} windows of {length_us:g} us to the event at {events['t'][-1]} us"
-            raise bad_input("times", "", got, f"at most {MOST_WINDOWS} (--fps, or a part of the recording)")
-        while events["t"][-1] >= (end_us := begin_us + (number + 1) * length_us):
-            cut = int(np.searchsorted(events["t"], end_us))
-            yield Window(end_us - length_us, end_us, np.concatenate([*kept, events[:cut]]))
-            kept, events, number = [], events[cut:], number + 1
-        kept.append(events.copy())
-    if begin_us is not None:
-        begin_us += number * length_us
-        yield Window(begin_us, begin_us + length_us, np.concatenate([np.empty(0, EVENT_DTYPE), *kept]))
 
 
 def compressed(grid: NDArray[np.float32], window_us: float) -> NDArray[np.float32]:

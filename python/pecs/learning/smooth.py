@@ -8,23 +8,30 @@ from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import islice, repeat
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .reconstruct import Network, Window
+from .windows import Window
 
 WINDOW_US = 40_000.0  # of the network, whatever the time between pictures: its pictures have less noise
 BLOCK_US, AHEAD_US = 2e6, 1e6  # pictures that are made together; events after them that they use
 MOST_BYTES = 512 << 20  # of the pictures of a block
 MOST_STATES = 16  # of the network at once
 
-Picture = NDArray[np.floating]
+Picture = NDArray[np.floating[Any]]
 
 
-def smooth(network: Network, windows: Iterator[Window], length_us: float) -> Iterator[Picture]:
+class Recurrent(Protocol):
+    """A network whose state a copy continues. size: height and width."""
+
+    size: tuple[int, int]
+
+    def __call__(self, window: Window) -> Picture: ...
+
+
+def smooth(network: Recurrent, windows: Iterator[Window], length_us: float) -> Iterator[Picture]:
     """Pictures at the ends of consecutive windows: means of those of the network, and of those of the network on events
     backward in time, over a block and what is ahead of it. States take turns in windows that overlap, and pictures of
     all turns are averaged."""
@@ -35,7 +42,7 @@ def smooth(network: Network, windows: Iterator[Window], length_us: float) -> Ite
 
 
 def _both_ways(
-    network: Network, windows: Iterator[Window], length_us: float, several: int, count: int
+    network: Recurrent, windows: Iterator[Window], length_us: float, several: int, count: int
 ) -> Iterator[Picture]:
     """count: pictures of a block."""
     span_us, ahead = several * length_us, max(several, min(math.ceil(AHEAD_US / length_us), count // 2))
