@@ -13,7 +13,7 @@ from pecs._arguments import Whole
 from pecs._command import answer
 from pecs.datasets import manifest, recipe
 from pecs.datasets.files import read_array, read_numbers, read_rows
-from pecs.learning.reconstruct import MOST_WINDOWS
+from pecs.learning.windows import MOST_WINDOWS
 from support import ROOT, run_module
 from support.faults import events, refused
 
