@@ -115,16 +115,19 @@ std::int64_t time_of(const Imf::Header& header, const fs::path& path) {
   const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute);
   const std::string text = time ? time->value() : "";
   const auto value = number_from<std::int64_t>(text);
-  if (!value)
+  if (!value || *value < 0 || *value > std::int64_t{1} << 61)
     throw bad_input(path.string(), kTimeAttribute, text.empty() ? "nothing" : text.substr(0, 40),
-                    "integer nanoseconds");
+                    "integer nanoseconds, 0 to 2^61");
   return *value;
 }
 
-void check_time(const Imf::Header& header, const fs::path& path, std::int64_t time_ns, bool required) {
-  if (const auto* time = header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute)) {
-    if (time->value() != std::to_string(time_ns))
-      throw bad_input(path.string(), kTimeAttribute, time->value().substr(0, 40), std::to_string(time_ns));
+void check_time(const Imf::Header& header, const fs::path& path, std::int64_t time_ns, bool required,
+                std::int64_t tolerance_ns) {
+  if (header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute)) {
+    if (const std::int64_t got_ns = time_of(header, path);
+        got_ns < time_ns - tolerance_ns || got_ns > time_ns + tolerance_ns)
+      throw bad_input(path.string(), kTimeAttribute, std::to_string(got_ns),
+                      fmt::format("{}{}", time_ns, tolerance_ns ? ", by --fps or --times" : ""));
   } else if (required) {
     throw bad_input(path.string(), kTimeAttribute, "nothing", std::to_string(time_ns));
   }

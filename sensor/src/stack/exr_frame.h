@@ -68,7 +68,9 @@ std::vector<std::string> check_header(const Imf::Header& header, const std::file
                                       const StackInfo& info, const Layer& layer, bool is_foreign = false);
 // The time in the header; throws bad_input if there is none.
 std::int64_t time_of(const Imf::Header& header, const std::filesystem::path& path);
-void check_time(const Imf::Header& header, const std::filesystem::path& path, std::int64_t time_ns, bool required);
+// Throws bad_input for a time in the header that differs by more than `tolerance_ns`.
+void check_time(const Imf::Header& header, const std::filesystem::path& path, std::int64_t time_ns, bool required,
+                std::int64_t tolerance_ns = 0);
 
 // values: [channel][row][x], of the rows from first_row on.
 Imf::FrameBuffer frame_buffer(std::span<const std::string> channels, float* values, int width, int rows, int min_x,

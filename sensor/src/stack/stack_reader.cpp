@@ -82,9 +82,10 @@ std::map<std::int64_t, std::vector<std::int64_t>> betweens_in(const fs::path& fo
 
 // An EXR sequence of another program.
 struct ForeignStack {
-  StackInfo info;       // without times
-  std::string layout;   // its name
-  Imath::Box2i window;  // of all its files
+  StackInfo info;                       // without times
+  std::string layout;                   // its name
+  Imath::Box2i window;                  // of all its files
+  std::optional<std::int64_t> time_ns;  // in the header of the first file: a stack of PECS without its stack.json
 };
 
 // Weights of bands without any: a band extends halfway to its neighbours, an outer one equally far to both sides, as in
@@ -144,6 +145,7 @@ ForeignStack foreign_stack(const fs::path& path) {
     ForeignStack f;
     StackInfo& info = f.info;
     f.window = frame_window(header, true);
+    if (header.findTypedAttribute<Imf::StringAttribute>(kTimeAttribute)) f.time_ns = time_of(header, path);
     info.width = width_of(f.window);
     info.height = height_of(f.window);
     info.quantity = quantity_of(header, path);
@@ -231,6 +233,7 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
     layout_ = std::move(foreign.layout);
     corner_ = {foreign.window.min.x, foreign.window.min.y};
     info_.times_ns = times.of(frames_, folder_.string());
+    first_time_ns_ = foreign.time_ns;
     return;
   }
   info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
@@ -328,7 +331,9 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
   const bool is_light = layer.name == kLight;
   if (is_light && !info_.has_light) throw bad_input(folder_.string(), "light", "layers alone", "a stack with light");
-  const auto time_ns = has_json_ ? std::optional(info_.times_ns[static_cast<std::size_t>(index)]) : std::nullopt;
+  std::optional<std::int64_t> time_ns = info_.times_ns[static_cast<std::size_t>(index)];
+  if (!has_json_)
+    time_ns = first_time_ns_ ? std::optional(*first_time_ns_ + *time_ns - info_.times_ns[0]) : std::nullopt;
   read_file(is_light ? frame_path(index) : folder_ / frame_name(layer, index), layer, time_ns, sink, begin, end);
 }
 
@@ -339,7 +344,8 @@ void StackReader::read_file(const fs::path& path, const Layer& layer, std::optio
     Imf::InputFile file(path.string().c_str(), 0);
     check_declared_size(file.header(), path);
     const auto channels = check_header(file.header(), path, info_, layer, !has_json_);
-    if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight);
+    constexpr std::int64_t kRounding_ns = 1000;  // of --fps and --times
+    if (time_ns) check_time(file.header(), path, *time_ns, layer.name != kLight, has_json_ ? 0 : kRounding_ns);
     if (layer.name == kLight) check_unit(file.header(), path, info_);
     const Imath::Box2i box = file.header().dataWindow();
     if (!has_json_) {

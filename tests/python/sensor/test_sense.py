@@ -105,6 +105,31 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, pecs_program, damage
     assert not (tmp_path / "o.raw").exists() and not (tmp_path / "o.raw.run.json").exists()
 
 
+def test_times_in_the_headers_contradict_fps(tmp_path, pecs_program):
+    """Frames of PECS, 1 ms apart, whose stack.json is missing."""
+    folder = write(tmp_path / "s", level=1e-3)
+    (folder / "stack.json").unlink()
+    for i in range(3):
+        (folder / f"frame_{i:06}.exr").unlink()  # times need not begin at 0
+    sense(pecs_program, folder, "-o", tmp_path / "o.csv", "--fps", 1000.001, "--gain", "1e-8")
+    done = pecs_program("sense", folder, "-o", tmp_path / "n.csv", "--fps", 500, "--gain", "1e-8", "--quiet")
+    wanted = "pecsTimeNs: got 4000000, wanted 5000000, by --fps or --times"
+    assert done.returncode == 4 and wanted in done.stderr and not (tmp_path / "n.csv").exists()
+
+
+def test_pixels_of_another_size_than_the_chips(tmp_path, pecs_program):
+    def warnings(chip="imx636", **change):
+        edit(**change)(folder)
+        done = sense(pecs_program, folder, "-o", tmp_path / "o.csv", "--chip", chip, "--json")
+        return [line for line in json.loads(done.stdout)["warnings"] if "um apart" in line]
+
+    folder = write(tmp_path / "s", level=1e-3)
+    assert not warnings(pixel_pitch_m=4.86e-6)  # a crop
+    assert not warnings(pixel_pitch_m=1280 / W * 4.86e-6)  # the whole chip in another resolution
+    assert not warnings("ideal", pixel_pitch_m=1.5e-5)  # answers to contrast alone
+    assert ["15 um apart, those of imx636 4.86 um" in line for line in warnings(pixel_pitch_m=1.5e-5)] == [True]
+
+
 def test_models_labels_readout_and_gain(tmp_path, pecs_program):
     write(tmp_path / "s", level=1e-3)
     counts = {}
