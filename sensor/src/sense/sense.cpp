@@ -108,6 +108,7 @@ class SenseRun {
   Json config() const;
   Json light_report();
   void warn_of_light(std::vector<std::string>& warnings) const;
+  void warn_of_pitch(std::vector<std::string>& warnings) const;
 
   const SenseOptions& options_;
   Json results_;
@@ -205,6 +206,7 @@ SenseReport SenseRun::run() {
     warnings.push_back(
         fmt::format("--times: frames are {:g} us apart; if the file is not in us, state --time-unit", step_us));
   if (model_.name == "pecs") warn_of_light(warnings);
+  if (model_traits(model_).takes_light) warn_of_pitch(warnings);
   results_.update({{"width", source_->info().width},
                    {"height", source_->info().height},
                    {"frames", source_->frames()},
@@ -336,6 +338,19 @@ void SenseRun::warn_of_light(std::vector<std::string>& warnings) const {
                     "more light gives more events ({})",
                     corner_hz, is_relative ? "--photocurrent" : "of the scene, or --light-scale 100"));
   if (!changes_) warnings.push_back("no pixel's light changes by a threshold: events, if any, are the chip's noise");
+}
+
+// A crop has the chip's pitch, a render of another resolution its film.
+void SenseRun::warn_of_pitch(std::vector<std::string>& warnings) const {
+  const StackInfo& info = source_->info();
+  if (!info.pixel_pitch_m || (chip_.width == 0 && chip_.corner_hz_per_a == 0)) return;
+  const auto differs = [](double a, double b) { return std::abs(a - b) > 0.02 * b; };
+  const double pitch_m = *info.pixel_pitch_m;
+  if (differs(pitch_m, chip_.pixel_pitch_m) && differs(pitch_m * info.width, chip_.pixel_pitch_m * chip_.width))
+    warnings.push_back(fmt::format(
+        "{}: its pixels are {:.4g} um apart, those of {} {:.4g} um, which decides how much light a pixel gets; "
+        "simulate with the chip that it was rendered for",
+        source_->name(), pitch_m * 1e6, chip_.name, chip_.pixel_pitch_m * 1e6));
 }
 
 Json SenseRun::light_report() {
