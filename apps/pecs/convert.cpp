@@ -1,6 +1,8 @@
 // pecs convert: an event file in another format, whole or in part.
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "commands.h"
 #include "console.h"
 #include "help.h"
@@ -27,32 +29,47 @@ struct ConvertArguments {
   bool json = false;
 };
 
-// The stages of a chip on the events of a file.
+// The stages of a chip on the events of a file; counts and writes what they drop of the part that is kept.
 class Stages {
  public:
   Stages(const ConvertArguments& o, const events::StreamInfo& info) : is_on_(o.stages.any()) {
     if (is_on_) stages_.emplace(o.stages, info.width, info.height);
     if (o.dropped) file_.emplace(*o.dropped, o.stages);
   }
-  void apply(std::vector<events::Event>& block, bool last) {
-    if (!is_on_) return;
-    sensor::LabelledEvents part{{block.begin(), block.end()}, {}};
-    stages_->before_readout(part);
-    dropped_.clear();
-    stages_->after_readout(part, last, &dropped_);
+  // Leaves in `block` what the selector takes.
+  void apply(std::vector<events::Event>& block, bool last, events::Selector& selector) {
+    if (is_on_) {
+      sensor::LabelledEvents part{{block.begin(), block.end()}, {}};
+      const auto kept = [&] { return std::ranges::count_if(part.events, [&](auto& e) { return selector.keeps(e); }); };
+      const auto all = kept();
+      stages_->before_readout(part);
+      counts_[static_cast<std::size_t>(sensor::Stage::roi)] += all - kept();
+      const std::size_t held = dropped_.size();
+      stages_->after_readout(part, last, &dropped_);
+      const auto news = dropped_.begin() + static_cast<std::ptrdiff_t>(held);
+      dropped_.erase(std::remove_if(news, dropped_.end(), [&](const auto& d) { return !selector.keeps(d.event); }),
+                     dropped_.end());
+      for (std::size_t i = held; i < dropped_.size(); ++i) ++counts_[static_cast<std::size_t>(dropped_[i].stage)];
+      block.assign(part.events.begin(), part.events.end());
+    }
+    selector.apply(block);
+    if (!file_) dropped_.clear();
+    if (!selector.has_zero() && !last) return;
+    for (sensor::DroppedEvent& d : dropped_) d.event = selector.written(d.event);
     if (file_) file_->write(dropped_);
-    block.assign(part.events.begin(), part.events.end());
+    dropped_.clear();
   }
   Json close() {
     if (file_) file_->commit();
-    return is_on_ ? sensor::counts_to_json(stages_->counts()) : Json();
+    return is_on_ ? sensor::counts_to_json(counts_) : Json();
   }
 
  private:
   bool is_on_;
   std::optional<sensor::EventStages> stages_;
   std::optional<sensor::DroppedFile> file_;
-  std::vector<sensor::DroppedEvent> dropped_;
+  std::vector<sensor::DroppedEvent> dropped_;  // not written yet: without an event that is kept, --rezero has no zero
+  sensor::StageCounts counts_{};
 };
 
 // Some files state no size: then all events are read to measure it.
@@ -112,8 +129,7 @@ void convert(const ConvertArguments& o, Console& console) {
     block.resize(reader->read(block));
     last = block.empty();
     read.add(block);
-    stages.apply(block, last);
-    selector.apply(block);
+    stages.apply(block, last, selector);
     written.add(block);
     if (written.time_reversals > 0)
       throw events::non_monotonic_timestamps(o.in, from, o.read,

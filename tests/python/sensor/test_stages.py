@@ -101,6 +101,25 @@ def test_program_python_and_files_alike(name, tmp_path, pecs_program):
     assert record["config"]["stages"] == keys
 
 
+def test_convert_drops_in_the_part_that_is_kept(tmp_path, pecs_program):
+    """What convert writes, lists as dropped and counts is the part of the file, on its clock and grid."""
+    t = np.arange(0, 100_000, 50)
+    events = np.zeros(len(t), pecs.EVENT_DTYPE)
+    events["t"], (events["x"], events["y"]) = t, np.random.default_rng(1).integers(0, 8, (2, len(t)))
+    pecs.write(tmp_path / "in.npz", events, width=8, height=8)
+    rows = ["--erc", "10kHz", "--roi", "0,0,8,6"]
+    part = ["--t-start", "30ms", "--t-end", "60ms", "--decimate", "2", "--rezero", "--dropped", tmp_path / "d.npy"]
+    pecs_program("convert", tmp_path / "in.npz", tmp_path / "o.npz", *rows, *part, check=True)
+    kept, dropped = pecs.read(tmp_path / "o.npz"), np.load(tmp_path / "d.npy")
+    expected = events[(t >= 30_000) & (t < 60_000) & (events["x"] % 2 == 1) & (events["y"] % 2 == 1)]
+    seen = expected[expected["y"] < 6]
+    counts = json.loads((tmp_path / "o.npz.run.json").read_text())["results"]["dropped_by_stage"]
+    assert counts["erc"] == len(dropped) > 10 and counts["roi"] == len(expected) - len(seen) > 10
+    both = np.sort(np.concatenate([kept["t"], dropped["t"]]))
+    np.testing.assert_array_equal(both - both[0], seen["t"] - seen["t"][0])
+    assert kept["t"][0] == 0 and dropped["x"].max() == 3 and dropped["y"].max() == 2
+
+
 WRONG = [
     (["--afk", "520:50"], "--afk: got '520:50', wanted LOW:HIGH in Hz, from 50 to 520"),
     (["--afk", "100"], "--afk: got '100', wanted LOW:HIGH in Hz, from 50 to 520"),

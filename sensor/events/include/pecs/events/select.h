@@ -43,15 +43,18 @@ class Selector {
   }
 
   void apply(std::vector<Event>& events) {
-    const int n = s_.decimate;
     std::erase_if(events, [&](const Event& e) { return !keeps(e); });
     if (s_.rezero && !zero_us_ && !events.empty()) zero_us_ = events.front().t_us;
-    for (Event& e : events) {
-      e.x = static_cast<std::uint16_t>(e.x / n);
-      e.y = static_cast<std::uint16_t>(e.y / n);
-      e.t_us -= zero_us_.value_or(0);
-    }
+    for (Event& e : events) e = written(e);
   }
+  // An event that is kept, as it is written; with `rezero`, the first one sets the time.
+  Event written(Event e) const {
+    e.x = static_cast<std::uint16_t>(e.x / s_.decimate);
+    e.y = static_cast<std::uint16_t>(e.y / s_.decimate);
+    e.t_us -= zero_us_.value_or(0);
+    return e;
+  }
+  bool has_zero() const { return !s_.rezero || zero_us_; }
 
  private:
   Selection s_;
