@@ -59,6 +59,7 @@ class Stage:
             source.make_camera(view.focal_mm, view.film_width_mm)
             cameras = lens.own_camera(self._chosen.bands, bands.per_pass)
         self.passes, self.rays_per_sample, self.lens_record = cameras.passes, cameras.rays_per_sample, cameras.record
+        self._place()
         self.unit = self.spectral.emitters.norm(self._chosen.bands) * self.radiance_per_unit * cameras.e0
 
     def set_time(self, t_s: float) -> None:
@@ -67,6 +68,9 @@ class Stage:
         self.lamps.hold()
         self.spectral.after_instant()
         self.factors = self.lamps.factors(t_s)
+        self._place()
+
+    def _place(self) -> None:
         if self.lens:
             self.source.place([one.camera for one in self.passes])
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError, bad_input
 from pecs._platform import link_folder
 
@@ -17,6 +18,7 @@ from .outside_files import missing_files, unreadable_pictures
 from .source import Source
 
 MOST_NAMES = 5  # in a note
+LEAST_SHEAR = 1e-3  # cosine between axes
 ORIGINAL = "pecs_original.txt"  # in a temporary copy's folder: the original's folder
 
 
@@ -50,8 +52,7 @@ class BlendScene(Source):
             raise bad_input(path, f"scene {self.scene.name!r}", "zero frames", "an end after the start")
         layers = self.scene.view_layers
         layers.move(next((i for i, layer in enumerate(layers) if layer.use), 0), 0)  # the first that renders
-        for one in (*bpy.data.objects, *bpy.data.collections):
-            one.hide_viewport = False  # hidden lamps and materials would keep the values of the file at all times
+        _show_in_viewports()
         render = self.scene.render
         self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
         self._fps = render.fps / render.fps_base
@@ -106,7 +107,13 @@ class BlendScene(Source):
         pass  # the file's own, unchanged, with its depth of field
 
     def place(self, cameras) -> None:
-        location, rotation, _ = self.own_camera.matrix_world.decompose()
+        world = self.own_camera.matrix_world
+        axes = np.array(world)[:3, :3] / np.linalg.norm(np.array(world)[:3, :3], axis=0)
+        is_mirrored = np.linalg.det(axes) < 0
+        if is_mirrored or np.abs(axes.T @ axes - np.eye(3)).max() > LEAST_SHEAR:
+            got = "a negative scale, which mirrors it" if is_mirrored else "shear by its parents' scale"
+            raise bad_input(f"{self.record['name']}.blend", f"camera {self.own_camera.name!r}", got, "none with a lens")
+        location, rotation, _ = world.decompose()
         for camera in cameras:
             camera.rotation_mode = "QUATERNION"
             camera.location, camera.rotation_quaternion = location, rotation
@@ -115,6 +122,19 @@ class BlendScene(Source):
         """Blender's watts are radiant watts of the illuminant: radiance 1 is 1 W m^-2 sr^-1 over the illuminant's
         table."""
         return self._illuminant.luminous() / self._illuminant.power()
+
+
+def _show_in_viewports() -> None:
+    """Lamps and materials that are hidden, at some time or always, would keep the values of the file there."""
+    for action in bpy.data.actions:
+        for strip in (strip for layer in action.layers for strip in layer.strips):
+            for curve in (curve for bag in strip.channelbags for curve in bag.fcurves):
+                curve.mute |= curve.data_path == "hide_viewport"
+    for one in (*bpy.data.objects, *bpy.data.collections):
+        animation = getattr(one, "animation_data", None)  # collections have none
+        for driver in animation.drivers if animation else ():
+            driver.mute |= driver.data_path == "hide_viewport"
+        one.hide_viewport = False
 
 
 def _camera(path: Path, scene: bpy.types.Scene, name: str) -> bpy.types.Object:

@@ -199,7 +199,7 @@ def test_what_a_foreign_file_cannot_choose(tmp_path):
 SETTINGS = """
 import bpy, sys
 from support.blend_parts import RED, ball, floor, lamp, material, start
-for name in ("plain", "settings", "others"):
+for name in ("plain", "settings", "others", "mirrored"):
     scene = start()
     light, view = lamp(), scene.camera.data
     for data, key in ((light, "energy"), (view, "lens")):
@@ -212,8 +212,11 @@ for name in ("plain", "settings", "others"):
     if name == "settings":
         for thing in scene.objects:
             thing.hide_viewport = True
+            thing.keyframe_insert("hide_viewport", frame=1)
         scene.cycles.time_limit, layer.pass_alpha_threshold, scene.cycles.shading_system = 0.001, 0.9, True
         scene.cycles.use_sample_subset, scene.cycles.sample_offset, scene.cycles.sample_subset_length = True, 1, 1
+    elif name == "mirrored":
+        scene.camera.scale.x = -1
     elif name == "others":
         floor(glassy)
         squeezed = bpy.data.objects.new("squeezed", None)
@@ -255,5 +258,10 @@ def test_settings_of_blenders_own_renders(tmp_path):
     assert ((objects[0] > 0) == np.isfinite(depth[0])).all()
     assert "grease pencil is not rendered: 'Suzanne'" in words["others"] and "stereo is ignored" in words["others"]
     assert "ignored" not in words["plain"]
+    for name, got in (("mirrored", "a negative scale, which mirrors it"), ("others", "shear by its parents' scale")):
+        words = "--lens", "angenieux_100mm_f1p1", "--focus", 1, *SMALL
+        done = pecs_blender("render", tmp_path / f"{name}.blend", "-o", tmp_path / "l", *words, check=False)
+        assert done.returncode == 4 and f"got {got}, wanted none with a lens" in done.stderr
+        assert not (tmp_path / "l/stack.json").exists()
     shown, hidden = (json.loads(pecs_blender("cameras", tmp_path / f"{n}.blend").stdout) for n in ("plain", "settings"))
     assert shown["cameras"]["camera"]["zooms"] and hidden["cameras"] == shown["cameras"]
