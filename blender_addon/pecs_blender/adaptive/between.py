@@ -105,7 +105,33 @@ class Between:
 
     def refine(self) -> None:
         it = self._interval
-        self._halve(it.start, it.end, self._disagreeing() | self._differing_from_strips())
+        middle = (it.start + it.end) // 2
+        self._halve(it.start, it.end, self._disagreeing(middle) | self._differing_from_strips(middle))
+
+    def keyframe(self, step: int, fast: np.ndarray) -> Picture:
+        """The picture at a step, in which these tiles, and those where motion does not explain the light, are rendered.
+        Lamps have constant strength."""
+        it, expected = self._interval, self._prediction(step)
+        wrong = fast | self._disagreeing(step) | self._differing_from_strips(step)
+        self._stage.set_time(self._grid_s[step])
+        self._frame = self._warped_frame(step)
+        light = expected.light((0, 0, *self._stage.size)).copy()
+        rendered = self._render_wrong(expected, wrong, light)
+        if not self._is_denoised:
+            return Picture(self._frame, light, None)
+        self._merge_denoised(expected, rendered, light)
+        raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
+        for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
+            raw[at(box)] = part
+        return Picture(self._frame, raw, light)
+
+    def _warped_frame(self, step: int) -> np.ndarray:
+        """The frame as the keyframes give it. What is rendered in it receives diffraction from this light around it."""
+        it, out = self._interval, self._interval.first.frame.copy()
+        halves = [self._light.halves(one.frame) for one in (it.first, it.second)]
+        warped = pecs.CarriedLight(it.carrier, *halves).at(self._fraction(step))
+        self._light.set_halves(out, np.where(np.isfinite(warped), warped, halves[0]))
+        return out
 
     def _halve(self, low: int, high: int, wrong: np.ndarray) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn."""
@@ -201,23 +227,22 @@ class Between:
         keyframes = self._interval.first, self._interval.second
         return [self._judge.photocurrent(one.raw, bands, factors) for one in keyframes]
 
-    def _disagreeing(self) -> np.ndarray:
-        """Tiles in which the keyframes, warped to the middle, differ."""
-        it, middle = self._interval, (self._interval.start + self._interval.end) // 2
-        (first, second), fraction = self._photocurrents(middle), self._fraction(middle)
+    def _disagreeing(self, step: int) -> np.ndarray:
+        """Tiles in which the keyframes, warped to a step, differ."""
+        it, (first, second), fraction = self._interval, self._photocurrents(step), self._fraction(step)
         a, b = (pecs.CarriedLight(it.carrier, first, second, side).at(fraction) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
         return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
 
-    def _differing_from_strips(self) -> np.ndarray:
-        """Tiles in which rendered strips of the middle differ from the keyframes."""
-        it, middle = self._interval, (self._interval.start + self._interval.end) // 2
+    def _differing_from_strips(self, step: int) -> np.ndarray:
+        """Tiles in which rendered strips of a step differ from the keyframes."""
+        it = self._interval
 
         def warped(bands: slice) -> np.ndarray:
-            return pecs.CarriedLight(it.carrier, *self._photocurrents(middle, bands)).at(self._fraction(middle))
+            return pecs.CarriedLight(it.carrier, *self._photocurrents(step, bands)).at(self._fraction(step))
 
-        self._stage.set_time(self._grid_s[middle])
+        self._stage.set_time(self._grid_s[step])
         return self._judge.strips_differing(self._stage, self._light, it.index, warped)
 
     def _changes_of_lamps(self) -> np.ndarray:

@@ -10,6 +10,8 @@ made on the light as rendered: a denoiser's error has no known distribution, tha
 
 from __future__ import annotations
 
+from bisect import bisect
+
 import numpy as np
 import pecs
 from pecs.motion import CHANNELS
@@ -21,7 +23,7 @@ from ..truth.surfaces import HitCache, Recent
 from .between import Between, KeyframeInterval
 from .changed import ChangedParts, Picture
 from .judge import Judge
-from .keyframes import Keyframes
+from .keyframes import FAST, Keyframes, Paths
 from .sharing import average_samples
 
 SHARED = 2  # keyframes on each side whose samples are shared
@@ -60,6 +62,7 @@ class Adaptive:
         *,
         hits: HitCache,
         tolerance: float,
+        step_px: float,
         output: Output,
     ):
         self._stage, self._keyframes, self._hits, self._output = stage, keyframes, hits, output
@@ -69,14 +72,18 @@ class Adaptive:
         self._changes = ChangedParts(stage, light, hits, self._judge)
         self._grid_s = [t * 1e-9 for t in keyframes.grid.bounds_ns]
         self._light = light
-        self._cameras = [stage.source.camera_at(keyframes.time_s(i)) for i in range(len(keyframes.keys))]
-        self._anchors: list[int] = []
-        for i, camera in enumerate(self._cameras):
-            begins = i % ANCHOR_EVERY == 0 or camera != self._cameras[i - 1]
-            self._anchors.append(i if begins else self._anchors[-1])
+        self._whole = keyframes.whole
+        self._cameras = [stage.source.camera_at(keyframes.time_s(i)) for i in self._whole]
+        self._anchors: list[int] = []  # by number of the whole keyframe, as all that is private here
+        for number, camera in enumerate(self._cameras):
+            begins = number % ANCHOR_EVERY == 0 or camera != self._cameras[number - 1]
+            self._anchors.append(number if begins else self._anchors[-1])
         self._own: dict[int, Picture] = {}  # before samples are shared
         self._shared: Recent[Picture] = Recent(3)
-        hits.keep(2 * SHARED + 2)
+        self._partial: Recent[Picture] = Recent(2)
+        self._divided: Recent[Between] = Recent(1)
+        self._paths = Paths(stage, step_px) if keyframes.partial else None
+        hits.keep(2 * SHARED + 4)
 
     def is_written(self, index: int) -> bool:
         due = [*self._instant_layers, *([self._motion] if index < len(self._keyframes.ends) else [])]
@@ -96,49 +103,78 @@ class Adaptive:
 
     def _write_interval(self, index: int, first: Picture) -> None:
         """Writes the pictures between a keyframe and the next one, then the motion."""
-        start, end = self._keyframes.keys[index], self._keyframes.ends[index]
-        second = self.keyframe((index + 1) % len(self._keyframes.keys))
-        motion = _rounded(self._motion.render(self._keyframes.time_s(index), self._grid_s[end]))
+        keyframes = self._keyframes
+        start, end, following = keyframes.keys[index], keyframes.ends[index], (index + 1) % len(keyframes.keys)
+        second = self.keyframe(following)
+        motion = _rounded(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
-            ends_px = motion[[CHANNELS.index(name) for name in ("x_end", "y_end", "back_x_end", "back_y_end")]]
-            interval = KeyframeInterval(
-                index=index,
-                start=start,
-                end=end,
-                first=first,
-                second=second,
-                carrier=pecs.Carrier(motion),
-                path_px=float(np.nanmax(np.hypot(ends_px[::2], ends_px[1::2]), initial=0)),
-            )
-            Between(self._stage, self._light, self._judge, self._output, self._grid_s, interval).refine()
+            self._between(index, start, end, first, second, motion).refine()
         self._output.write_layer("motion", index, motion)
 
-    def keyframe(self, index: int) -> Picture:
-        """A keyframe after sample sharing."""
-        return self._shared.get(index, self._share_samples)
+    def _between(
+        self, index: int, start: int, end: int, first: Picture, second: Picture, motion: np.ndarray, part: float = 1.0
+    ) -> Between:
+        """part: of the picture, whose paths count."""
+        x_px, y_px, back_x_px, back_y_px = motion[
+            [CHANNELS.index(f"{way}{x}_end") for way in ("", "back_") for x in "xy"]
+        ]
+        paths_px = np.nan_to_num([np.hypot(x_px, y_px), np.hypot(back_x_px, back_y_px)])
+        interval = KeyframeInterval(
+            index=index,
+            start=start,
+            end=end,
+            first=first,
+            second=second,
+            carrier=pecs.Carrier(motion),
+            path_px=float(np.quantile(paths_px, part)),
+        )
+        return Between(self._stage, self._light, self._judge, self._output, self._grid_s, interval)
 
-    def _share_samples(self, index: int) -> Picture:
-        """Averages a keyframe with its neighbours, each warped to the keyframe's instant, where they show the same
-        surface in the same light.
+    def keyframe(self, index: int) -> Picture:
+        """A whole keyframe after sample sharing, or a partial one."""
+        if index in self._keyframes.partial:
+            return self._partial.get(index, self._in_part)
+        return self._shared.get(self._whole.index(index), self._share_samples)
+
+    def _in_part(self, index: int) -> Picture:
+        """A partial keyframe: the fast part and what the whole keyframes around do not explain, in their light."""
+        number = bisect(self._whole, index) - 1
+        between, fast = self._divided.get(number, self._divide)
+        return between.keyframe(self._keyframes.keys[index], fast)
+
+    def _divide(self, number: int) -> tuple[Between, np.ndarray]:
+        """The interval between a whole keyframe and the next one, and its fast tiles."""
+        keyframes, following = self._keyframes, (number + 1) % len(self._whole)
+        start = keyframes.keys[self._whole[number]]
+        end = keyframes.keys[self._whole[following]] if following else keyframes.ends[-1]
+        from_s, to_s = self._grid_s[start], self._grid_s[end]
+        first, second = (self._shared.get(n, self._share_samples) for n in (number, following))
+        motion = _rounded(self._motion.render(from_s, to_s))
+        between = self._between(self._whole[number], start, end, first, second, motion, 1 - FAST)
+        return between, self._paths.fast_tiles(from_s, to_s, self._stage.size)
+
+    def _share_samples(self, number: int) -> Picture:
+        """Averages a whole keyframe with its neighbours, each warped to its instant, where they show the same surface
+        in the same light.
 
         All frames have the same seed, so noise stays where it is on the film while surfaces move: it averages out where
         something moves, and still parts stay bit-identical.
         """
-        count, periodic = len(self._keyframes.keys), self._keyframes.grid.period_ns
-        near = range(index - SHARED, index + SHARED + 1)
+        count, periodic = len(self._whole), self._keyframes.grid.period_ns
+        near = range(number - SHARED, number + SHARED + 1)
         near = [i % count if periodic else i for i in near]
-        near = list(dict.fromkeys(i for i in near if 0 <= i < count and self._cameras[i] == self._cameras[index]))
+        near = list(dict.fromkeys(i for i in near if 0 <= i < count and self._cameras[i] == self._cameras[number]))
         at_ends = {*range(SHARED), *range(count - SHARED, count)} if periodic else set()
         self._own = {i: own for i, own in self._own.items() if i in near or i in at_ends}
-        time_s = self._keyframes.time_s
+        times_s = [self._keyframes.time_s(index) for index in self._whole]
         for i in near:
             if i not in self._own:
-                self._own[i] = self._changes.render(i, time_s(i), time_s(self._anchors[i]))
+                self._own[i] = self._changes.render(i, times_s[i], times_s[self._anchors[i]])
         if len(near) == 1:
-            return self._own[index]
-        hits = {i: self._hits.at(time_s(i)) for i in near}
-        own, factors = self._own[index], self._stage.lamps.factors(time_s(index))
-        neighbours = [(self._own[i].light, hits[i]) for i in near if i != index]
-        shared = average_samples(own.light, hits[index], neighbours, self._hits.surfaces, self._judge, factors)
+            return self._own[number]
+        hits = {i: self._hits.at(times_s[i]) for i in near}
+        own, factors = self._own[number], self._stage.lamps.factors(times_s[number])
+        neighbours = [(self._own[i].light, hits[i]) for i in near if i != number]
+        shared = average_samples(own.light, hits[number], neighbours, self._hits.surfaces, self._judge, factors)
         bands = len(own.raw)
         return Picture(own.frame, shared[:bands], None if own.clean is None else shared[bands:])

@@ -5,18 +5,23 @@ Each interval is the longest one in which no visible surface moves further than 
 by more than TURN, and every path is, to within BEND_PX, the polynomial through its places after each quarter, which the
 sensor follows (docs/reference/exr_stack.md). They are measured on a small picture at nine instants of the interval;
 points without a place at its end are ignored.
+
+If a small part of the picture sets the length, such as a fan, keyframes in which only this part is rendered, partial
+ones, divide longer intervals of whole keyframes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from pecs._progress import Line
 from pecs.motion import displacement_weights
 
 from ..camera.stage import Stage
+from ..camera.tiles import TILE_PX, tiles_of
 from ..scene.timeline import Instants, Timeline
 from ..truth.surfaces import Poses, Recent, SurfaceHits, Surfaces
 
@@ -25,21 +30,25 @@ TURN = 0.5  # rad: the light of an edge's pixels depends on how it lies across t
 TURNING = 0.01  # of the picture: what turns in less of it is rendered between keyframes
 LONGEST = 256  # grid steps; limits aliasing of periodic motion
 PARTS = 8  # of an interval
+FAST = 0.05  # of the picture: what requires partial keyframes covers less
+GAIN = 2  # intervals with partial keyframes are longer by this factor
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured, of the sensor's
 
 
 @dataclass(frozen=True)
 class Keyframes:
-    """grid: the finest instants; keys: indices of the keyframes. With a period, the last interval ends at its end."""
+    """grid: the finest instants; keys: indices of the keyframes; partial: positions in `keys` of those that are
+    rendered in a small part; the first is whole. With a period, the last interval ends at its end."""
 
     grid: Timeline
     keys: list[int]
+    partial: tuple[int, ...] = ()
 
     @classmethod
-    def at(cls, grid: Timeline, times_ns: list[int]) -> Keyframes:
+    def at(cls, grid: Timeline, times_ns: list[int], partial: list[int]) -> Keyframes:
         """Raises KeyError for times that are not on the grid."""
         index = {t: i for i, t in enumerate(grid.times_ns)}
-        return cls(grid, [index[t] for t in times_ns])
+        return cls(grid, [index[t] for t in times_ns], tuple(partial))
 
     @property
     def timeline(self) -> Timeline:
@@ -50,57 +59,97 @@ class Keyframes:
         """Grid indices at which the intervals end."""
         return self.keys[1:] + ([len(self.grid.times_ns)] if self.grid.period_ns else [])
 
+    @cached_property
+    def whole(self) -> list[int]:
+        """Positions in `keys` of the keyframes that are rendered whole."""
+        return sorted(set(range(len(self.keys))) - set(self.partial))
+
     def time_s(self, index: int) -> float:
         return self.grid.times_ns[self.keys[index]] * 1e-9
 
     def middle(self, count: int) -> Keyframes:
-        """At most this many keyframes in the middle."""
-        first = max(0, (len(self.keys) - count) // 2)
-        keys = self.keys[first : first + count]
+        """At most this many whole keyframes in the middle, and the partial ones between them."""
+        at = max(0, (len(self.whole) - count) // 2)
+        some = self.whole[at : at + count]
+        keys = self.keys[some[0] : some[-1] + 1]
         times_ns = self.grid.times_ns[keys[0] : keys[-1] + 1]
-        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys])
+        partial = tuple(i - some[0] for i in self.partial if some[0] < i < some[-1])
+        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys], partial)
 
 
 def choose_keyframes(stage: Stage, instants: Instants, progress: Line) -> Keyframes:
-    scale = PLAN_SCALE / stage.subpixels
-    paths = Paths(Surfaces(stage, scale, name="plan_rays"), stage.set_time, scale * stage.subpixels)
     cameras = [stage.source.camera_at(t * 1e-9) for t in instants.grid.bounds_ns]
     cuts = [i for i in range(1, len(cameras)) if cameras[i] != cameras[i - 1]]
-    return Keyframes(instants.grid, _choose(instants.grid, cuts, paths, instants.step_px, progress))
+    keys, partial = _choose(instants.grid, cuts, Paths(stage, instants.step_px), not stage.lamps.names, progress)
+    return Keyframes(instants.grid, keys, tuple(partial))
 
 
 class Paths:
     """Paths of surface points, with cached hits and poses of the last few instants."""
 
-    def __init__(self, surfaces: Surfaces, set_time: Callable[[float], None], scale: float):
-        self._surfaces, self._set_time, self._scale = surfaces, set_time, scale
+    def __init__(self, stage: Stage, step_px: float):
+        self._surfaces = Surfaces(stage, PLAN_SCALE / stage.subpixels, name="plan_rays")
+        self._set_time, self._limits = stage.set_time, (step_px, BEND_PX, TURN, TURN)
         self._seen: Recent[SurfaceHits] = Recent(3)
         self._poses: Recent[Poses] = Recent(2 * PARTS + 4)
 
-    def path(self, from_s: float, to_s: float) -> np.ndarray:
-        """Between two instants: the longest path of a surface point [px], the largest deviation from its polynomial
-        [px], and how much a surface turns or stretches at most."""
-        times_s = np.linspace(from_s, to_s, PARTS + 1).tolist()
-        return np.maximum(self._one_way(times_s), self._one_way(times_s[::-1]))  # equal times: poses are kept
+    def needs(self, from_s: float, to_s: float) -> np.ndarray:
+        """Intervals that paths between two instants require: of all surfaces, and of all but FAST of the picture. The
+        longest paths, their largest deviation from the polynomial and what turns or stretches most decide."""
+        ways = self._ways(from_s, to_s)
+        if ways is None:
+            return np.full(2, np.inf)
+        every, most = [], []
+        for used, _ in ways:
+            turned = [np.quantile(one, 1 - TURNING) for one in (used[2, 1:-1], used[3, :, 1:-1])]
+            every.append(_intervals([used[0].max(), used[1].max(), *turned]))
+            most.append(np.quantile(_intervals(used), 1 - FAST))
+        return np.array([max(every), max(most)])
 
-    def _one_way(self, times_s: list[float]) -> np.ndarray:
-        seen = self._seen.get(times_s[0], self._hits)
-        poses = [self._poses.get(t, self._pose) for t in times_s]
-        if any(one.view.camera != seen.poses.view.camera for one in poses):
-            return np.full(3, np.inf)
-        at = [self._surfaces.place(seen, one)[:2] for one in poses]
+    def fast_tiles(self, from_s: float, to_s: float, size: tuple[int, int]) -> np.ndarray:
+        """Tiles [rows, columns] of a picture of this size over which surfaces move between two instants that require
+        shorter intervals."""
+        tiles = np.zeros(tiles_of(*size), bool)
+        scale = np.array(size) / self._surfaces.size / TILE_PX
+        for used, places in self._ways(from_s, to_s) or ():
+            at = np.array(places)[:, :, _intervals(used) > 1]  # [times, 2, n]
+            between = (at[1:] + at[:-1]) / 2
+            x, y = np.concatenate([at, between]).transpose(1, 0, 2).reshape(2, -1) * scale[:, None]
+            inside = (x >= 0) & (y >= 0) & (x < tiles.shape[1]) & (y < tiles.shape[0])  # not NaN
+            tiles[y[inside].astype(int), x[inside].astype(int)] = True
+        return tiles
+
+    def _ways(self, from_s: float, to_s: float) -> list[tuple[np.ndarray, list[np.ndarray]]] | None:
+        """Of the surfaces seen at each of the two instants, what `_used` returns and their places at all times; None
+        across a cut."""
+        times_s = np.linspace(from_s, to_s, PARTS + 1).tolist()
+        found = []
+        for along_s in (times_s, times_s[::-1]):  # equal times: poses are kept
+            seen = self._seen.get(along_s[0], self._hits)
+            poses = [self._poses.get(t, self._pose) for t in along_s]
+            if any(one.view.camera != seen.poses.view.camera for one in poses):
+                return None
+            places = [self._surfaces.place(seen, one)[:2] for one in poses]
+            found.append((self._used(places, seen.instance), places))
+        return found
+
+    def _used(self, at: list[np.ndarray], instance: np.ndarray) -> np.ndarray:
+        """[4, h, w], relative to what is allowed in an interval: length of the path, its deviation from the polynomial,
+        turn or stretch against neighbours in y and in x. 0 if the path is unknown."""
         height, width = at[0].shape[1:]
         limits = np.array([width, height])[:, None, None]
         inside = np.any([np.all((p >= 0) & (p <= limits), axis=0) for p in at[1:]], axis=0)
         known = np.all([np.isfinite(p).all(axis=0) for p in at], axis=0) & inside
-        if not known.any():
-            return np.zeros(3)
-        turn = _turned(np.where(known, at[-1] - at[0], np.nan), seen.instance)
-        at = [p[:, known] / self._scale for p in at]
-        length = sum(np.linalg.norm(b - a, axis=0) for a, b in zip(at, at[1:], strict=False))
+        out = np.zeros((4, height, width))
+        moved = np.where(known, at[-1] - at[0], np.nan)
+        out[2] = _turned(moved, instance)
+        out[3] = _turned(moved.transpose(0, 2, 1), instance.T).T
+        at = [p[:, known] / PLAN_SCALE for p in at]
+        out[0, known] = sum(np.linalg.norm(b - a, axis=0) for a, b in zip(at, at[1:], strict=False))
         moved = np.array(at) - at[0]
         bend = [moved[i] - np.tensordot(displacement_weights(i / PARTS), moved[2::2], 1) for i in range(1, PARTS, 2)]
-        return np.array([length.max(), np.linalg.norm(bend, axis=1).max(), turn])
+        out[1, known] = np.linalg.norm(bend, axis=1).max(0)
+        return out / np.array(self._limits)[:, None, None]
 
     def _hits(self, t_s: float) -> SurfaceHits:
         self._set_time(t_s)
@@ -111,47 +160,62 @@ class Paths:
         return self._surfaces.poses()
 
 
-def _turned(moved: np.ndarray, instance: np.ndarray) -> float:
-    """Change of the distance between neighbours on a surface, relative to it, of displacements [2, h, w]: what all but
-    TURNING of the picture stays below. Of the two neighbours of a point along an axis, the one with the smaller change
-    counts: the other may be behind it."""
-    most = 0.0
-    for ids, moves in ((instance, moved), (instance.T, moved.transpose(0, 2, 1))):
-        parted = np.where(ids[1:] == ids[:-1], np.linalg.norm(moves[:, 1:] - moves[:, :-1], axis=0), np.nan)
-        around = np.minimum(parted[1:], parted[:-1])  # NaN if one is
-        most = max(most, float(np.quantile(np.nan_to_num(around), 1 - TURNING)))
-    return most
+def _intervals(used: Any) -> np.ndarray:
+    """How many intervals, about, are required instead of one in which these parts of what is allowed are used."""
+    length, bend, *turns = used
+    return np.maximum.reduce([length, np.power(bend, 1 / 5), *turns])  # bends grow with the fifth power
 
 
-def _choose(plan: Timeline, cuts: list[int], motion: Paths, step_px: float, progress: Line) -> list[int]:
-    """Indices of the keyframes. They include the first and the last instant; with a period, the last interval ends at
-    its end. cuts: indices at which another camera begins, each a keyframe, like the one before it."""
+def _turned(moved: np.ndarray, instance: np.ndarray) -> np.ndarray:
+    """[h, w]: change of the distance between neighbours in y on a surface, relative to it, of displacements [2, h, w].
+    Of the two neighbours of a point, the one with the smaller change counts: the other may be behind it."""
+    parted = np.where(instance[1:] == instance[:-1], np.linalg.norm(moved[:, 1:] - moved[:, :-1], axis=0), np.nan)
+    return np.pad(np.nan_to_num(np.minimum(parted[1:], parted[:-1])), ((1, 1), (0, 0)))  # NaN if one is
+
+
+def _choose(
+    plan: Timeline, cuts: list[int], paths: Paths, may_be_partial: bool, progress: Line
+) -> tuple[list[int], list[int]]:
+    """Indices of the keyframes, and the positions of the partial ones among them. They include the first and the last
+    instant; with a period, the last interval ends at its end. cuts: indices at which another camera begins, each a
+    keyframe, like the one before it."""
     grid_s = [t * 1e-9 for t in plan.bounds_ns]
     last = len(grid_s) - 1
-    keys, guess = [0], 1
+    keys, partial, guesses = [0], [], [1, 1]
     while keys[-1] < last:
         start = keys[-1]
         cut = next((cut for cut in cuts if cut > start), last + 1)
         ends_s = grid_s[start : min(start + LONGEST, max(start + 1, cut - 1)) + 1]
-        guess = _longest(guess, motion, ends_s, step_px)
-        keys.append(start + guess)
+        steps, likely = _longest(guesses[0], paths, ends_s, 0)
+        guesses[0] = whole = steps
+        if may_be_partial and likely >= GAIN * steps <= len(ends_s) - 1:
+            longer, _ = _longest(max(guesses[1], GAIN * steps), paths, ends_s, 1)
+            if longer >= GAIN * steps:
+                guesses[1] = whole = longer
+        while keys[-1] + steps < start + whole:
+            partial.append(len(keys))
+            keys.append(keys[-1] + steps)
+            ends_s = grid_s[keys[-1] : start + whole + 1]
+            steps, _ = _longest(steps, paths, ends_s, 0)
+        keys.append(start + whole)
         progress("", keys[-1], last)
     if plan.period_ns:
         keys.pop()
-    return keys
+    return keys, partial
 
 
-def _longest(guess: int, motion: Paths, ends_s: list[float], step_px: float) -> int:
-    """Length of the longest interval whose paths fit, in steps and to about 10 %; at least 1."""
+def _longest(guess: int, paths: Paths, ends_s: list[float], of: int) -> tuple[int, float]:
+    """Length of the longest interval whose paths fit, in steps and to about 10 %, at least 1; and about that without
+    FAST of the picture. of: which of Paths.needs must fit."""
     most = len(ends_s) - 1
     fits, fails, steps = 0, most + 1, max(1, min(guess, most))
     while True:
-        used = motion.path(ends_s[0], ends_s[steps]) / (step_px, BEND_PX, TURN)
-        likely = 0.98 * steps * np.min(1 / np.maximum(used, 1e-9) ** (1, 1 / 5, 1))  # bends grow with the fifth power
-        if used.max() <= 1:
+        needs = paths.needs(ends_s[0], ends_s[steps])
+        likely = 0.98 * steps / np.maximum(needs, 1e-9)
+        if needs[of] <= 1:
             fits = steps
         else:
             fails = steps
-        steps = int(np.clip(min(likely, 4 * steps), fits + 1, fails - 1))
+        steps = int(np.clip(min(likely[of], 4 * steps), fits + 1, fails - 1))
         if fails - fits < 2 or (fits and steps < 1.1 * fits):
-            return max(1, fits)
+            return max(1, fits), likely[1]

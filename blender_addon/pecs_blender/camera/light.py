@@ -74,6 +74,19 @@ class Light(Layer):
         """Half the difference of the halves' bands of a frame, if it is denoised."""
         return frame[len(self._to_film) : 2 * len(self._to_film)]
 
+    def halves(self, frame: np.ndarray) -> np.ndarray:
+        """The light of a frame from each half of its samples, one after the other, if it is denoised."""
+        mean, half = self.bands_of(frame), self.halves_of(frame)
+        return np.concatenate([mean + half, mean - half]) if self._denoiser else mean
+
+    def set_halves(self, frame: np.ndarray, light: np.ndarray) -> None:
+        """Sets what `halves` returns."""
+        if self._denoiser:
+            a, b = np.split(light, 2)
+            self.bands_of(frame)[:], self.halves_of(frame)[:] = (a + b) / 2, (a - b) / 2
+        else:
+            self.bands_of(frame)[:] = light
+
     def first_half(self, frame: np.ndarray) -> np.ndarray:
         """The light of a frame from the samples that `strips` renders."""
         return self.bands_of(frame) + self.halves_of(frame) if self._denoiser else self.bands_of(frame)

@@ -51,23 +51,27 @@ def _now_s() -> NDArray[np.float64]:
 
 
 def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int]:
-    """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two keyframes in the
-    middle."""
+    """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two whole keyframes in
+    the middle and what is between them."""
     keyframes = job.keyframes
     with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder), pilot.opened(folder) as frames:
-        start = _now_s()
+        start, last = _now_s(), len(pilot.wanted) - 1
         frames.keyframe(0)  # renders both, and averages them
         render_s = _now_s() - start
-        frames.keyframe(len(pilot.wanted) - 1)  # averages them, as each keyframe with its neighbours
+        frames.keyframe(last)  # averages them, as each keyframe with its neighbours
         share_s = _now_s() - start - render_s
-        frames.write(0)
-        interval_s = _now_s() - start - render_s - share_s
+        for index in range(max(1, last)):
+            frames.write(index)
+        intervals_s = _now_s() - start - render_s - share_s
         size = {file.name: file.stat().st_size for file in folder.glob("*.exr")}
-        intervals = len(keyframes.ends) / len(keyframes.keys)  # per keyframe
-        of_interval = sum(n for name, n in size.items() if name.startswith(("motion_", "between_")))
-        neighbours = min(len(keyframes.keys) - 1, 2 * SHARED)
-        each_s = (render_s - share_s) / len(pilot.wanted) + neighbours * share_s + intervals * interval_s
-        return each_s, round(sum(size.values()) + (intervals - 1) * of_interval)
+        whole = len(keyframes.whole)
+        intervals = whole - (len(keyframes.ends) < len(keyframes.keys))  # of whole keyframes
+        neighbours = min(whole - 1, 2 * SHARED)
+        whole_s = (render_s - share_s) / min(2, whole) + neighbours * share_s
+        of_frame = sum(n for name, n in size.items() if name.startswith("frame_000000"))
+        every_s = whole * whole_s + intervals * intervals_s
+        every_bytes = intervals * (sum(size.values())) + (whole - intervals) * of_frame
+        return every_s / len(keyframes.keys), round(every_bytes / len(keyframes.keys))
 
 
 def _layers_s(job: Render) -> NDArray[np.float64]:

@@ -46,7 +46,7 @@ def _continued(stage: Stage, plan: Plan, folder: Path, exists: str) -> Render | 
     try:
         stack = json.loads((folder / "stack.json").read_bytes())
         samples = stack["render"]["samples"] // plan.view.subpixels**2
-        keyframes = Keyframes.at(plan.instants.grid, stack["times_ns"])
+        keyframes = Keyframes.at(plan.instants.grid, stack["times_ns"], stack["render"].get("partial_keyframes", []))
     except (OSError, ValueError, KeyError, TypeError):  # not a stack of this job
         return None
     sampling = replace(plan.sampling, samples=samples) if plan.sampling.noise_events else plan.sampling

@@ -99,8 +99,8 @@ class Render:
         layers = [layer_class(name)(hits) for name in self.plan.layers]
         with Output(folder, self.stack, self.plan.instants.only, overwrite) as output:
             if self.keyframes:
-                tolerance = self.plan.instants.tolerance
-                yield Adaptive(stage, self.keyframes, light, layers, hits=hits, tolerance=tolerance, output=output)
+                how = {"tolerance": self.plan.instants.tolerance, "step_px": self.plan.instants.step_px}
+                yield Adaptive(stage, self.keyframes, light, layers, hits=hits, output=output, **how)
             else:
                 yield Uniform(stage, self.instants, [*layers, *([light] if light else [])], output)
             for layer in layers:
@@ -108,7 +108,7 @@ class Render:
 
     @contextmanager
     def pilot(self, count: int, sampling: Sampling, layers: tuple[str, ...]) -> Iterator[tuple[Render, Path]]:
-        """A render of at most `count` keyframes in the middle, without messages, and a folder that is removed."""
+        """A render of at most `count` whole keyframes in the middle, without messages, and a folder that is removed."""
         instants, verbosity = replace(self.plan.instants, only=None), {"quiet": True, "verbose": False}
         plan = replace(self.plan, layers=layers, instants=instants, verbosity=verbosity)
         with tempfile.TemporaryDirectory(prefix="pecs_pilot_") as folder:
@@ -142,6 +142,7 @@ class Render:
                 **stage.record(plan),
                 "samples": self.sampling.samples * plan.view.subpixels**2,
                 **({"instants": len(keyframes.grid.times_ns)} if keyframes else {}),
+                **({"partial_keyframes": list(keyframes.partial)} if keyframes and keyframes.partial else {}),
             },
             "versions": {"pecs": pecs.__version__, "blender": bpy.app.version_string},
             **({"layers": layers} if layers else {}),

@@ -205,6 +205,36 @@ def test_rendered_tiles_show_still_pixels_as_the_keyframe_does(desk):
     assert still > 2000 and same > 0.4 * still
 
 
+FAN = ("--time", "adaptive", "--set", "metronome_hz=0", "--set", "fan_hz=20", "--frames", 41)
+
+
+def pools(frame, where):
+    """Means of 4x4 pixels [180, 320] of a frame, those of which most are in `where`."""
+    light, share = (one.reshape(45, 4, 80, 4).mean((1, 3)) for one in (frame.mean(0), where))
+    return light[share > 0.5]
+
+
+def test_a_small_fast_part_has_partial_keyframes(desk, root):
+    """The camera stands still: what is not rendered in a partial keyframe has the light of the whole ones."""
+    folder = desk(*LARGER, *FAN)
+    stack = json.loads((folder / "stack.json").read_text())
+    partial, count = stack["render"]["partial_keyframes"], len(stack["times_ns"])
+    assert count >= 4 and len(partial) == count - 2 and 0 not in partial and count - 1 not in partial
+    at = stack["times_ns"][partial[1]] // 1_000_000
+    alone = desk(*LARGER, *FAN[2:-1], f"{at}:{at + 1}", "--subpixels", 2, "--samples", 64)
+    with pecs.StackReader(folder) as reader, pecs.StackReader(alone) as truth:
+        frames = [reader.read_frame(i) for i in range(count)]
+        moved = np.mean([(frame == frames[0]).all(0) for frame in frames], 0) < 1
+        assert (~moved[:, :160]).mean() > 0.95 and 0.01 < moved.mean() < 0.25  # the fan is on the right
+        pooled = [pools(one, moved) for one in (*frames, truth.read_frame(0))]
+        assert np.argmin([np.std(np.log(one / pooled[-1])) for one in pooled[:-1]]) == partial[1]
+    for name in (f"frame_{partial[1]:06d}.exr", f"motion_{partial[1]:06d}.exr"):
+        whole = (folder / name).read_bytes()
+        (folder / name).unlink()
+        pecs_blender("render", root / "scenes/desk", "-o", folder, *DESK, *LARGER, *FAN)
+        assert (folder / name).read_bytes() == whole
+
+
 def test_lamps_of_a_scene_folder_flicker_as_rendered(desk):
     flicker = (*SMALL, "--set", "flicker_hz=125", "--set", "window_to_lamp=0", "--set", "fan_hz=0")
     folder = desk("--time", "adaptive", "--no-denoise", *flicker)  # the denoiser makes this dark picture 2 % brighter
