@@ -80,7 +80,7 @@ def test_noise_is_even_from_the_start(tmp_path):
 
 def test_the_output_begins_at_the_first_frame(tmp_path):
     """Whatever the warm-up is, times and counts are those of the stack's window, and threads change nothing."""
-    folder = write(tmp_path / "s", size=SIZE, level=1e-4)
+    folder = write(tmp_path / "s", size=SIZE, level=1e-4, pixel_pitch_m=18.5e-6)
     one, report = events(folder, tmp_path, warmup_us=5_000, start_us=1_000, duration_us=20_000, threads=1)
     two, _ = events(folder, tmp_path, warmup_us=5_000, start_us=1_000, duration_us=20_000, threads=2)
     np.testing.assert_array_equal(one, two)

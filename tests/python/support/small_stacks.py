@@ -15,9 +15,9 @@ def stack_json(width, height, times_ns, **more):
     return stack | {"scene": {}, "render": {}, "versions": {}} | more
 
 
-def write(folder, frames=N, period_ns=None, level=1e-6, change=None, size=(H, W)):
+def write(folder, frames=N, level=1e-6, change=None, size=(H, W), **more):
     """A bright bar that moves one turn in `frames` frames of 1 ms, on a film irradiance of `level` W m^-2 nm^-1."""
-    stack = stack_json(size[1], size[0], [i * 1_000_000 for i in range(frames)], period_ns=period_ns)
+    stack = stack_json(size[1], size[0], [i * 1_000_000 for i in range(frames)], **more)
     with StackWriter(folder, stack) as writer:
         for i in range(frames):
             x = np.arange(size[1])
