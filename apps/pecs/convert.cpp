@@ -44,19 +44,17 @@ class Stages {
       const auto all = kept();
       stages_->before_readout(part);
       counts_[static_cast<std::size_t>(sensor::Stage::roi)] += all - kept();
-      const std::size_t held = dropped_.size();
-      stages_->after_readout(part, last, &dropped_);
-      const auto news = dropped_.begin() + static_cast<std::ptrdiff_t>(held);
-      dropped_.erase(std::remove_if(news, dropped_.end(), [&](const auto& d) { return !selector.keeps(d.event); }),
-                     dropped_.end());
-      for (std::size_t i = held; i < dropped_.size(); ++i) ++counts_[static_cast<std::size_t>(dropped_[i].stage)];
+      std::vector<sensor::DroppedEvent> dropped;
+      stages_->after_readout(part, last, &dropped);
+      std::erase_if(dropped, [&](const auto& d) { return !selector.keeps(d.event); });
+      for (const sensor::DroppedEvent& d : dropped) ++counts_[static_cast<std::size_t>(d.stage)];
+      if (file_) dropped_.insert(dropped_.end(), dropped.begin(), dropped.end());
       block.assign(part.events.begin(), part.events.end());
     }
     selector.apply(block);
-    if (!file_) dropped_.clear();
-    if (!selector.has_zero() && !last) return;
+    if (!file_ || (!selector.has_zero() && !last)) return;
     for (sensor::DroppedEvent& d : dropped_) d.event = selector.written(d.event);
-    if (file_) file_->write(dropped_);
+    file_->write(dropped_);
     dropped_.clear();
   }
   Json close() {

@@ -73,15 +73,16 @@ class Adaptive:
         self._grid_s = [t * 1e-9 for t in keyframes.grid.bounds_ns]
         self._light = light
         self._whole = keyframes.whole
-        self._cameras = [stage.source.camera_at(keyframes.time_s(i)) for i in self._whole]
-        self._anchors: list[int] = []  # by number of the whole keyframe, as all that is private here
+        self._times_s = [keyframes.time_s(i) for i in self._whole]  # by number of the whole keyframe, as what follows
+        self._cameras = [stage.source.camera_at(t_s) for t_s in self._times_s]
+        self._anchors: list[int] = []
         for number, camera in enumerate(self._cameras):
             begins = number % ANCHOR_EVERY == 0 or camera != self._cameras[number - 1]
             self._anchors.append(number if begins else self._anchors[-1])
         self._own: dict[int, Picture] = {}  # before samples are shared
         self._shared: Recent[Picture] = Recent(3)
         self._partial: Recent[Picture] = Recent(2)
-        self._divided: Recent[Between] = Recent(1)
+        self._divided: Recent[tuple[Between, np.ndarray]] = Recent(1)
         self._paths = Paths(stage, step_px) if keyframes.partial else None
         hits.keep(2 * SHARED + 4)
 
@@ -166,7 +167,7 @@ class Adaptive:
         near = list(dict.fromkeys(i for i in near if 0 <= i < count and self._cameras[i] == self._cameras[number]))
         at_ends = {*range(SHARED), *range(count - SHARED, count)} if periodic else set()
         self._own = {i: own for i, own in self._own.items() if i in near or i in at_ends}
-        times_s = [self._keyframes.time_s(index) for index in self._whole]
+        times_s = self._times_s
         for i in near:
             if i not in self._own:
                 self._own[i] = self._changes.render(i, times_s[i], times_s[self._anchors[i]])

@@ -70,7 +70,7 @@ def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int]:
         whole_s = (render_s - share_s) / min(2, whole) + neighbours * share_s
         of_frame = sum(n for name, n in size.items() if name.startswith("frame_000000"))
         every_s = whole * whole_s + intervals * intervals_s
-        every_bytes = intervals * (sum(size.values())) + (whole - intervals) * of_frame
+        every_bytes = intervals * sum(size.values()) + (whole - intervals) * of_frame
         return every_s / len(keyframes.keys), round(every_bytes / len(keyframes.keys))
 
 

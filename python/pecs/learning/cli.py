@@ -87,7 +87,7 @@ def _parser() -> Parser:
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
     about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"
     one.add_argument("--corner", type=rate, help=about)
-    about = "also use the events after each picture: less error, 2.5 times the time"
+    about = "also use the events after each picture: 2.4 times the time"
     one.add_argument("--smooth", action="store_true", help=about)
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")

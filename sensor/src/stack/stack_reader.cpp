@@ -233,9 +233,10 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
     layout_ = std::move(foreign.layout);
     corner_ = {foreign.window.min.x, foreign.window.min.y};
     info_.times_ns = times.of(frames_, folder_.string());
-    first_time_ns_ = foreign.time_ns;
+    if (foreign.time_ns) header_shift_ns_ = *foreign.time_ns - info_.times_ns[0];
     return;
   }
+  header_shift_ns_ = 0;
   info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
   if (info_.has_between) between_ = betweens_in(folder_);
   const Layer& light = info_.layers[0];
@@ -331,9 +332,8 @@ void StackReader::read_rows(std::int64_t index, const Layer& layer, const RowSin
     throw bad_input(folder_.string(), "frame", std::to_string(index), fmt::format("0 to {}", count - 1));
   const bool is_light = layer.name == kLight;
   if (is_light && !info_.has_light) throw bad_input(folder_.string(), "light", "layers alone", "a stack with light");
-  std::optional<std::int64_t> time_ns = info_.times_ns[static_cast<std::size_t>(index)];
-  if (!has_json_)
-    time_ns = first_time_ns_ ? std::optional(*first_time_ns_ + *time_ns - info_.times_ns[0]) : std::nullopt;
+  std::optional<std::int64_t> time_ns;
+  if (header_shift_ns_) time_ns = info_.times_ns[static_cast<std::size_t>(index)] + *header_shift_ns_;
   read_file(is_light ? frame_path(index) : folder_ / frame_name(layer, index), layer, time_ns, sink, begin, end);
 }
 

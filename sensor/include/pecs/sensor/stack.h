@@ -109,8 +109,8 @@ class StackReader : public FrameSource {
   std::vector<std::filesystem::path> files_;                   // of a foreign stack
   std::map<std::int64_t, std::vector<std::int64_t>> between_;  // numbers of the pictures within an interval
   std::string layout_ = "EXR stack";
-  std::pair<int, int> corner_;                 // of a foreign stack's frames
-  std::optional<std::int64_t> first_time_ns_;  // in the header of its first frame
+  std::pair<int, int> corner_;                   // of a foreign stack's frames
+  std::optional<std::int64_t> header_shift_ns_;  // of times in headers from times_ns; nothing: headers have none
 };
 
 }  // namespace pecs::sensor
