@@ -4,7 +4,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <complex>
+#include <cstdint>
 #include <functional>
 #include <opencv2/core/optim.hpp>
 #include <opencv2/imgproc.hpp>
@@ -137,16 +139,23 @@ StepFit locate_steps(std::span<const Sample> samples, Candidate& c, double span_
   return step_fit;
 }
 
-// The same fit on random eighths of the events, for deviations, and on the two halves in time.
+// A number from the place of a pixel, the same for all its events.
+std::size_t eighth_of(const Sample& s) {
+  const auto bits = 31 * std::bit_cast<std::uint64_t>(s.x) + std::bit_cast<std::uint64_t>(s.y);
+  return static_cast<std::size_t>(bits * 0x9E3779B97F4A7C15 >> 61);  // of kEighths; multiplicative hashing
+}
+
+// The same fit on the events of random eighths of the pixels, for deviations, and on the two halves in time. The
+// latencies of a pixel's events have a part that is the same in each turn: more turns do not reduce it.
 struct Refits {
   Fit deviation{};
   double first_half_deg_s = 0, second_half_deg_s = 0;
 };
 Refits refits_of(const StepFit& step_fit, const Candidate& c, double span_s) {
   std::array<std::vector<Sample>, kEighths + 2> parts;
-  for (std::size_t i = 0; i < step_fit.near.size(); ++i) {
-    parts[i % kEighths].push_back(step_fit.near[i]);
-    parts[step_fit.near[i].t_s > 0 ? kEighths + 1 : kEighths].push_back(step_fit.near[i]);
+  for (const Sample& s : step_fit.near) {
+    parts[eighth_of(s)].push_back(s);
+    parts[s.t_s > 0 ? kEighths + 1 : kEighths].push_back(s);
   }
   std::array<Fit, kEighths + 2> fits;
   tbb::parallel_for(0, kEighths + 2, [&](int i) {

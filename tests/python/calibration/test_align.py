@@ -92,6 +92,18 @@ def test_a_clock_that_wraps_changes_nothing(pecs_program, tmp_path):
     assert abs(found["speed_deg_s"]["value"] + 2000) < 5
 
 
+def test_more_turns_with_the_same_latencies_do_not_sharpen_the_centre(pecs_program, tmp_path):
+    half_turn_us = 90_000
+    half_turn = disk_events(np.random.default_rng(1), span_us=half_turn_us)
+    turns = np.concatenate([half_turn] * 4)
+    turns["t"] += np.repeat(np.arange(4) * half_turn_us, len(half_turn))
+    one, four = (
+        json.loads(detected(pecs_program, tmp_path, events).stdout)["centre_x"]["deviation"]
+        for events in (half_turn, turns)
+    )
+    assert four > 0.7 * one
+
+
 def test_a_disk_partly_out_of_view(pecs_program, tmp_path):
     events = disk_events(np.random.default_rng(1), centre=(250, 120))  # a sixth of it is outside
     result = detected(pecs_program, tmp_path, events)

@@ -16,7 +16,7 @@
 namespace pecs::calibration {
 
 struct Measured {
-  double value = 0, deviation = 0;  // standard deviation, from fits to random eighths of the events
+  double value = 0, deviation = 0;  // standard deviation, from fits to random eighths of the pixels
 };
 
 struct DetectedDisk {
