@@ -23,6 +23,13 @@ def test_wrong_input():
         pecs.compare(a, stream(0, 1), width=64, height=48)
     with pytest.raises(pecs.PecsError, match="normalisation: got 'float'"):
         pecs.compare(a, a, width=64, height=48, normalisation="float")
+    sized, smaller = pecs.Events(a, 64, 48), pecs.Events(stream(100, 2, 63, 47), 63, 47)
+    with pytest.raises(pecs.PecsError, match="sim: sensor size: got 63x47, wanted 64x48"):
+        pecs.compare(sized, smaller)
+    with pytest.raises(pecs.PecsError, match="sim: sensor size: got 64x48, wanted 63x47"):
+        pecs.compare(smaller, sized)
+    assert pecs.compare(sized, smaller, normalisation="eq16")["map_correlation"] is None
+    assert pecs.compare(sized, a) == pecs.compare(sized, sized)
 
 
 def test_program_says_the_same(pecs_program, tmp_path):
