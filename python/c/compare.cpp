@@ -42,8 +42,9 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     if (object.has("disk")) options.disk = pecs::metrics::turning_disk_from(object.object("disk"));
     object.done();
 
-    const auto comparison = pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
-                                                   stream_of(sim, sim_count, sim_width, sim_height, "sim"), "sim", options);
+    const auto comparison =
+        pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
+                               stream_of(sim, sim_count, sim_width, sim_height, "sim"), "sim", options);
     return pecs::capi::hand_over(pecs::metrics::to_json(comparison));
   });
 }
