@@ -155,8 +155,7 @@ void add_info(CLI::App& app, Console&) {
     };
     if (is_stack && (o->format || o->read.time_unit || o->read.width > 0))
       refuse(o->format ? "--format" : o->read.time_unit ? "--time-unit" : "--size", "an event file");
-    if (o->fps && (!is_stack || std::filesystem::exists(std::filesystem::path(o->path) / "stack.json")))
-      refuse("--fps", "a stack without stack.json");
+    if (o->fps && !is_stack) refuse("--fps", "a stack without stack.json");
     const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format, o->read);
     if (o->json)
       fmt::print("{}\n", text_of(info));

@@ -30,6 +30,8 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     pecs::JsonObject object(json, "options");
     const auto width = static_cast<int>(object.integer("width", 1, 65536));
     const auto height = static_cast<int>(object.integer("height", 1, 65536));
+    const auto sim_width = static_cast<int>(object.integer_or("sim_width", width, 1, 65536));
+    const auto sim_height = static_cast<int>(object.integer_or("sim_height", height, 1, 65536));
     pecs::metrics::CompareOptions options;
     options.normalisation = pecs::metrics::normalisation_from(object.text_or("normalisation", "shared"));
     if (object.has("window_us")) options.window_us = object.integer("window_us", 1, std::int64_t{1} << 52);
@@ -40,8 +42,9 @@ extern "C" char* pecs_compare(const pecs_event* real, int64_t real_count, const 
     if (object.has("disk")) options.disk = pecs::metrics::turning_disk_from(object.object("disk"));
     object.done();
 
-    const auto comparison = pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
-                                                   stream_of(sim, sim_count, width, height, "sim"), "sim", options);
+    const auto comparison =
+        pecs::metrics::compare(stream_of(real, real_count, width, height, "real"), "real",
+                               stream_of(sim, sim_count, sim_width, sim_height, "sim"), "sim", options);
     return pecs::capi::hand_over(pecs::metrics::to_json(comparison));
   });
 }

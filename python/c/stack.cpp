@@ -77,7 +77,7 @@ void pecs_stack_writer_close(pecs_stack_writer* stack) { delete stack; }
 pecs_stack_reader* pecs_stack_reader_open(const char* folder, double fps, pecs_error* error) {
   return guard(error, [&] {
     return new pecs_stack_reader{
-        StackReader(&given(folder, "folder"), {fps > 0 ? std::optional(fps) : std::nullopt, {}, {}})};
+        StackReader(&given(folder, "folder"), {fps != 0 ? std::optional(fps) : std::nullopt, {}, {}})};
   });
 }
 

@@ -22,6 +22,14 @@ def unmasked(name: str, given: ArrayLike) -> NDArray[Any]:
     return np.asarray(given)
 
 
+def times_from(given: ArrayLike) -> NDArray[np.float64]:
+    """Times as float64. Raises ValueError for those of another type, such as timedelta64, which has a unit."""
+    times = unmasked("t_us", given)
+    if times.dtype.kind not in "iufO":
+        raise ValueError(f"t_us: got {times.dtype}, wanted numbers")
+    return np.asarray(times, np.float64)
+
+
 def check_out(name: str, out: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...]) -> None:
     """Raises ValueError unless the library can write to this array."""
     if out.dtype != dtype or out.shape != shape or not (out.flags.c_contiguous and out.flags.writeable):

@@ -143,11 +143,16 @@ class Chip(Handle):
 
         fps: frame rate [Hz] of a folder without stack.json. fnumber, gain and photocurrent_a as of `amperes_per_unit`.
         """
+        some = None if frames is None else np.atleast_1d(np.asarray(frames))
+        if some is not None and some.size and some.dtype.kind not in "iu":
+            raise ValueError(f"frames: got {some.dtype}, wanted integers")
         if not isinstance(stack, StackReader):
             with StackReader(stack, fps) as reader:
                 return self.photocurrent(reader, frames, **scale)
+        if fps is not None:
+            raise ValueError("fps: got one with a StackReader, wanted it there")
         options = options_bytes(scale)
-        wanted = range(stack.info["frames"]) if frames is None else np.atleast_1d(np.asarray(frames, np.int64))
+        wanted = range(stack.info["frames"]) if some is None else some
         out = np.empty((len(wanted), stack.info["height"], stack.info["width"]), np.float32)
         for plane, frame in zip(out, wanted, strict=True):
             with self._use() as handle, stack._use() as reader_handle:

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import index
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +132,7 @@ class EventReader(Handle):
         size: tuple[int, int] | None = None,
         late: str | None = None,
     ):
-        width, height = map(int, size) if size else (None, None)
+        width, height = map(index, size) if size else (None, None)
         options = {"format": format, "time_unit": time_unit, "width": width, "height": height, "late": late}
         super().__init__(_open(path_bytes(path), options_bytes(options)))
 

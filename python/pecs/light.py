@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import DOUBLE, DOUBLES, FLOATS, INT64, POINTER, TEXT
+from ._c_types import DOUBLE, DOUBLES, FLOATS, INT64, POINTER, TEXT, times_from
 from ._library import Handle, function, options_bytes, path_bytes, take_json
 from .chip import Chip, ScaleOptions, chip_options
 
@@ -92,7 +92,7 @@ class Light(Handle):
     def at(self, t_us: ArrayLike) -> NDArray[np.float32]:
         """The photocurrent [A] without dark current at a time [us] from the first frame, [chips, height, width], or at
         several, [times, chips, height, width]."""
-        times = np.asarray(t_us, np.float64)
+        times = times_from(t_us)
         if times.ndim > 1:
             raise ValueError(f"t_us: got shape {times.shape}, wanted one time or a list")
         out = np.empty((*times.shape, *self.shape), np.float32)

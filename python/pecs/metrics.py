@@ -38,7 +38,7 @@ def compare(
     real, sim : structured array
         Recorded and simulated events, as of `pecs.read`.
     width, height : int
-        Size of the sensor [pixels]. Default 0: that of `real`.
+        Size of the sensor [pixels]. Default 0: that of each stream; a stream without one has that of `real`.
     normalisation : str
         "shared" (default), "eq16" or "paper".
     window_us : int, optional
@@ -62,13 +62,17 @@ def compare(
     Raises
     ------
     PecsInputError
-        A stream is empty, or an event lies outside the sensor.
+        A stream is empty, an event lies outside the sensor, or the sizes differ (except "eq16" and "paper").
     """
-    width, height = width or getattr(real, "width", 0), height or getattr(real, "height", 0)
+    (width, height), (sim_width, sim_height) = (
+        (width or getattr(events, "width", 0), height or getattr(events, "height", 0)) for events in (real, sim)
+    )
     real, sim = as_events(real), as_events(sim)
     options = {
         "width": width,
         "height": height,
+        "sim_width": sim_width or None,
+        "sim_height": sim_height or None,
         "normalisation": normalisation,
         "window_us": window_us,
         "origin": origin,

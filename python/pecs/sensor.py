@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT, unmasked
+from ._c_types import DOUBLES, FLOATS, INT, INT64, POINTER, TEXT, times_from, unmasked
 from ._library import Handle, function, options_bytes, take_json
 from ._model import callbacks, raising
 from ._options import SensorOptions, library_options
@@ -231,7 +231,7 @@ class Sensor(Handle):
             A shape is wrong, or times do not increase by at least 1 us.
         """
         frames = _to_linear(frame, self.encoding)
-        times = np.ascontiguousarray(np.atleast_1d(t_us), np.float64)
+        times = np.ascontiguousarray(np.atleast_1d(times_from(t_us)))
         if frames.ndim == 2:
             frames = frames[None]
         if frames.shape[1:] != self.shape or times.shape != frames.shape[:1]:
@@ -370,7 +370,7 @@ def simulate(
         t [us], x, y [pixels], p (1: ON), sorted by t; with `labels=True` also `label`. With `chip_frames=True`, a pair
         of these and `ChipFrames`.
     """
-    frames, times = _as_array(frames), np.asarray(t_us, np.float64)
+    frames, times = _as_array(frames), times_from(t_us)
     if frames.ndim != 3 or times.shape != frames.shape[:1] or len(times) < 2:
         raise ValueError(f"frames: got shape {frames.shape} at {times.size} times, wanted [T, H, W] at T >= 2 times")
     step = max(1, _CHUNK_BYTES // (4 * max(frames[0].size, 1)))

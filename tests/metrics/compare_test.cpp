@@ -111,6 +111,14 @@ TEST(Compare, IntervalsContainTheScoreAndAreNarrowForUniformStreams) {
   EXPECT_GT(c.chamfer_interval.high - c.chamfer_interval.low, 0.2 * c.distance.chamfer());
   const auto same = compare(stream_of(random_events(800, 1)), "r", stream_of(random_events(800, 1)), "s", {});
   EXPECT_EQ(same.chamfer_interval.high, 0);
+  // Times at which one stream is silent count as they do in the score.
+  const auto silent = compare(stream_of(random_events(8000, 1)), "r", stream_of(random_events(4000, 2, 64, 48, 5'000)),
+                              "s", {.window_us = 10'000});
+  EXPECT_LT(silent.chamfer_interval.low, silent.distance.chamfer());
+  EXPECT_GT(silent.chamfer_interval.high, silent.distance.chamfer());
+  const auto apart = compare(stream_of({{5, 1, 1, 1}}), "r", stream_of({{9000, 1, 1, 1}}), "s",
+                             {.window_us = 10'000, .common_origin = true});
+  EXPECT_EQ(apart.chamfer_interval.high, apart.distance.chamfer());
 }
 
 TEST(Compare, MapsDependOnPositionAndIntervalsOnSpeed) {

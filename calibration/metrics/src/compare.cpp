@@ -129,16 +129,15 @@ double quantile(const std::vector<float>& sorted, double part) {
 }
 
 // 95 % intervals of the Chamfer and Gaussian distance by bootstrap: time blocks drawn with replacement, the same for
-// both directions.
+// both directions. A draw in which a stream has no events has no distance, and is repeated.
 std::array<Interval, 2> bootstrap(const Distances& d, std::uint64_t seed) {
   constexpr int kDraws = 1000;
   std::vector<int> parts;
   for (int k = 0; k < kTimeBlocks; ++k)
-    if (d.blocks[0].count[k] > 0 && d.blocks[1].count[k] > 0) parts.push_back(k);
-  if (parts.empty()) return {{{d.chamfer(), d.chamfer()}, {d.gaussian(), d.gaussian()}}};
+    if (d.blocks[0].count[k] > 0 || d.blocks[1].count[k] > 0) parts.push_back(k);
   std::mt19937_64 random(seed);
   std::array<std::vector<double>, 2> draws;
-  for (int draw = 0; draw < kDraws; ++draw) {
+  while (draws[0].size() < kDraws) {
     std::array<double, 2> distance{}, kernel{}, count{};
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const int k = parts[random() % parts.size()];
@@ -146,6 +145,7 @@ std::array<Interval, 2> bootstrap(const Distances& d, std::uint64_t seed) {
         distance[way] += d.blocks[way].distance[k], kernel[way] += d.blocks[way].kernel[k],
             count[way] += d.blocks[way].count[k];
     }
+    if (count[0] == 0 || count[1] == 0) continue;
     draws[0].push_back(distance[0] / count[0] + distance[1] / count[1]);
     draws[1].push_back(kernel[0] / count[0] + kernel[1] / count[1]);
   }

@@ -342,9 +342,10 @@ PECS_API void pecs_sensor_close(pecs_sensor* sensor);
 
 /* ---- comparison (calibration) --------------------------------------------------------------------------------- */
 
-/* Distances and summaries (docs/reference/metrics.md). options: {"width": pixels, "height": pixels, "normalisation":
- * "shared" | "eq16" | "paper", "window_us": null | integer, "origin": "first-event" | "zero", "split_half": true,
- * "seed": 1, "disk": null | what `pecs align detect --json` prints, "realism": false}.
+/* Distances and summaries (docs/reference/metrics.md). options: {"width": pixels, "height": pixels, "sim_width":
+ * null | pixels, "sim_height": null | pixels (of `sim`; null: as `real`), "normalisation": "shared" | "eq16" | "paper",
+ * "window_us": null | integer, "origin": "first-event" | "zero", "split_half": true, "seed": 1, "disk": null | what
+ * `pecs align detect --json` prints, "realism": false}.
  * result: as printed by `pecs compare --json`. */
 PECS_API char* pecs_compare(const pecs_event* real, int64_t real_count, const pecs_event* sim, int64_t sim_count,
                             const char* options_json, pecs_error* error);

@@ -107,8 +107,9 @@ def _datasheet(recipe: Recipe, manifest: dict[str, Any], made: list[Sequence]) -
     }
     truths = {c.truth for s in made for c in s.cameras.values() if c.has_truth and not c.info["pixels_of"]}
     layers = sorted({layer for truth in truths for layer in truth.layers})
-    spacing = {round(float(truth.times_us[1] - truth.times_us[0])) for truth in truths if len(truth) > 1}
-    rates = ", ".join(f"{1e6 / us:g}" for us in sorted(spacing)) or "no"
+    rates = {float(f"{1e6 / (truth.times_us[1] - truth.times_us[0]):g}") for truth in truths if len(truth) > 1}
+    layers_at = f"At {', '.join(f'{hz:g}' for hz in sorted(rates))} Hz: {', '.join(map(markdown, layers))}"
+    objects = {"objects", "motion"} <= set(recipe.truth.layers)
     parts = sorted({s.info["imu"]["part"] for s in made if s.info["imu"]}) or ["none"]
     about = "\n".join(f"- {markdown(key)}: {markdown(value)}" for key, value in recipe.about.items())
     seconds = sum(sequence.duration_us for sequence in made) * 1e-6
@@ -132,7 +133,7 @@ PECS {manifest["versions"]["pecs"]} from the recipe in dataset.json (SHA-256 {re
 {chr(10).join(cameras)}
 
 ## Ground truth
-At {rates} Hz: {", ".join(map(markdown, layers))}; per event: cause, and object at its own time.
+{layers_at if rates else "No layers"}; per event: cause{", and object at its own time" if objects else ""}.
 Poses and IMU ({", ".join(map(markdown, parts))}). Pages report.html say how well the parts agree.
 
 ## Outside the recipe's limits

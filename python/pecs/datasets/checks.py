@@ -215,7 +215,8 @@ def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     """Rates, causes, and the share of signal events that lie where the picture's light changes. noise_share: of the
     sensor's noise; render_noise_share, camera_noise_share: events that would not come again in another render, or in
     another recording by the same camera, as `pecs sense` estimates them; dropped_share: events that the readout
-    dropped, of all that pixels fired; corner_hz: of photoreceptors in the light of the first frame."""
+    dropped, of all that pixels fired, also those that stages behind it dropped; corner_hz: of photoreceptors in the
+    light of the first frame."""
     found, causes = camera.events(), np.asarray(camera.causes())
     seconds = sequence.duration_us * 1e-6
     bins = np.histogram(found["t"], bins=50, range=(0, sequence.duration_us))[0] / (seconds / 50)
@@ -233,10 +234,9 @@ def events(sequence: Sequence, camera: Camera) -> dict[str, Any]:
     record = camera.folder / "events.h5.run.json"
     if record.exists():
         results = read_object(record, "the record of the events")["results"]
-        out |= {
-            "dropped": results["dropped"],
-            "dropped_share": results["dropped"] / max(results["dropped"] + len(found), 1),
-        }
+        dropped, stages = results["dropped"], results["dropped_by_stage"]
+        fired = dropped + sum(stages.values()) - stages["roi"] + len(found)
+        out |= {"dropped": dropped, "dropped_share": dropped / max(fired, 1)}
         for key in ("corner_hz", "photocurrent_a"):
             out |= {f"{key}_{part}": value for part, value in results[key].items()}
         for key in ("render_noise", "camera_noise"):

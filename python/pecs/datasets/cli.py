@@ -22,7 +22,7 @@ from .._files import existing_folder, read_text, write_text
 from .._progress import Line
 from . import manifest, recipe, recipe_check, report, run, scene_cameras, writers
 from .card import write_cards
-from .files import read_numbers
+from .files import read_numbers, read_object
 from .plan import Plan, SequencePlan
 from .sequence import sequences
 from .work import RUNS, Busy
@@ -91,6 +91,7 @@ def _run(args: argparse.Namespace) -> None:
     if args.sequences is not None:
         found = dataclasses.replace(found, sequences=args.sequences)
     wanted = _wanted(args.only, found.sequences)
+    manifest.check_count(found, args.output)
     if args.check:
         _check(wanted, args.output)
         return
@@ -172,14 +173,16 @@ def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
     for row in content["sequences"]:
         for outside in row["outside_limits"]:
             line.note(f"dataset: sequence {row['name']}: {outside}")
+    sums = {row["name"]: row["sha256"] for row in content["sequences"]}
     for name in found.export:
-        if not (output / "exports" / name).is_dir():  # it appears whole
-            _export(output, name, output / "exports" / name, line)
+        to = output / "exports" / name
+        if not (to.is_dir() and read_object(to / writers.REPORT, "an export").get("made_of") == sums):
+            _export(output, name, to, line, replace=True)
     print(f"{output / 'index.html'}: {found.sequences} sequences")
 
 
-def _export(folder: Path, name: str, output: Path, line: Line) -> None:
-    report = writers.write(name, sequences(folder), output)
+def _export(folder: Path, name: str, output: Path, line: Line, replace: bool = False) -> None:
+    report = writers.write(name, sequences(folder), output, replace)
     if unfinished := len([*folder.glob("sequences/*.partial")]):
         line.note(f"{name}: left out: {unfinished} unfinished sequences")
     for gone in report["left_out"]:
@@ -222,10 +225,11 @@ def _damaged(wanted: list[int], output: Path) -> dict[int, list[str]]:
 
 def _move_aside(wanted: list[int], output: Path) -> None:
     for index in _damaged(wanted, output):
-        folder = manifest.sequence_folder(output, index)
+        folder, aside = manifest.sequence_folder(output, index), output / "damaged"
         if folder.is_dir():
-            number = next(n for n in range(1, 10**6) if not folder.with_name(f"{folder.name}.damaged{n}").exists())
-            folder.rename(folder.with_name(f"{folder.name}.damaged{number}"))
+            aside.mkdir(exist_ok=True)
+            places = (aside / f"{folder.name}.{number}" for number in range(1, 10**6))
+            folder.rename(next(place for place in places if not place.exists()))
             (output / "dataset.json").unlink(missing_ok=True)
 
 

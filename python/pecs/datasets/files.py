@@ -16,6 +16,7 @@ from .._errors import PecsError, PecsInputError, bad_input, existing, one_line, 
 from .._files import read_text
 
 MAX_BYTES = 1 << 28
+OWN = "files.json"  # checksums of a sequence
 
 
 def read_object(path: Path, what: str) -> dict[str, Any]:

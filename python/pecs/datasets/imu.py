@@ -101,7 +101,9 @@ class Imu:
         in m; turn_on a factor of the turn-on bias, 0 to 10 (0: calibrated at rest).
         """
         rig = np.eye(4) if rig_from_imu is None else np.asarray(rig_from_imu, float)
-        if rig.shape != (4, 4) or not np.allclose(rig[:3, :3] @ rig[:3, :3].T, np.eye(3), atol=1e-6):
+        is_pose = rig.shape == (4, 4) and np.isfinite(rig).all() and (rig[3] == [0, 0, 0, 1]).all()
+        R = rig[:3, :3]
+        if not is_pose or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
             raise PecsInputError(f"imu: rig_from_imu: got {rig.tolist()}, wanted a rotation and a translation")
         if name not in parts():
             raise PecsInputError(f"imu: got part {name!r}, wanted one of {', '.join(parts())}")

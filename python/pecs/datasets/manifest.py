@@ -8,14 +8,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from .._config import Fields
-from .._errors import PecsError, bad_input, existing, shown
+from .._errors import PecsError, PecsOutputError, bad_input, existing, shown
 from .._files import read_text, sha256, write_json
 from .._library import version
 from .._text import is_plain
-from .files import MAX_BYTES, read_object
+from .files import MAX_BYTES, OWN, read_object
 from .recipe import Recipe
 
-OWN, SET = "files.json", "dataset.json"
+SET = "dataset.json"
 ABSOLUTE = re.compile(r'"(/[^"\n]*)"')  # a path of this machine in a recipe
 NOT_SUMMED = ".log"  # with times of day
 
@@ -84,6 +84,14 @@ def faults(folder: Path, digest: str | None = None) -> list[str]:
         elif sha256(path) != digest:
             found.append(f"{path}: got other content, wanted SHA-256 {digest[:12]}…")
     return found
+
+
+def check_count(recipe: Recipe, output: Path) -> None:
+    """Raises PecsOutputError for a sequence beyond the recipe's number, which readers of the set would find."""
+    for folder in sorted(sequence_folder(output, 0).parent.glob("*")):
+        if folder.name.isdecimal() and int(folder.name) >= recipe.sequences:
+            count = f"the recipe has {recipe.sequences} sequences"
+            raise PecsOutputError(f"{folder}: {count}; remove the folder, or make the set in another folder")
 
 
 def missing(recipe: Recipe, output: Path) -> list[int]:

@@ -30,6 +30,7 @@ from .sequence import Camera, Sequence, frames_of
 WINDOW_DTYPE = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "i1")])  # what PyTorch and tonic can take
 FIELDS = ("flow", "visible", "depth", "instances", "boxes", "frame", "causes", "objects")
 _PLANES = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
+_USUAL = 50_000  # us or events
 _OPEN_FILES = 16  # of events, a process
 
 
@@ -86,9 +87,9 @@ class Windows:
         camera: str | None = None,
         *,
         by: str = "time",
-        window_us: int = 50_000,
+        window_us: int | None = None,
         step_us: int | None = None,
-        count: int = 50_000,
+        count: int | None = None,
         step: int | None = None,
         fields: Iterable[str] = (),
         transform: Callable[[NDArray[Any]], Any] | None = None,
@@ -101,13 +102,19 @@ class Windows:
         self.by, self.fields, self.transform, self.keep_events = by, tuple(fields), transform, keep_events
         planes = {"voxel_grid": voxel_grid, "time_surface": time_surface, "event_histogram": event_histogram}
         self.planes = {name: dict(options) for name, options in planes.items() if options is not None}
-        self.size = window_us if by == "time" else count
-        step = step_us if by == "time" else step
+        sizes = {"time": {"window_us": window_us, "step_us": step_us}, "count": {"count": count, "step": step}}
+        if by not in sizes:
+            raise UsageError(f"windows: got by {by!r}, wanted 'time' or 'count'")
+        size, step = sizes.pop(by).values()
+        for other, options in sizes.items():
+            if given := [name for name, value in options.items() if value is not None]:
+                raise UsageError(f"windows: got by {by!r} and {', '.join(given)}, wanted by {other!r}")
+        if transform and not keep_events:
+            raise UsageError("windows: got a transform and keep_events False, wanted the events that it takes")
+        self.size = _USUAL if size is None else size
         self.step = self.size if step is None else step
-        if by not in ("time", "count") or self.size < 1 or self.step < 1:
-            raise UsageError(
-                f"windows: got by {by!r} of {self.size} every {self.step}, wanted 'time' or 'count' and 1 or more"
-            )
+        if self.size < 1 or self.step < 1:
+            raise UsageError(f"windows: got windows of {self.size} every {self.step}, wanted 1 or more")
         unknown = set(self.fields) - set(FIELDS)
         if unknown:
             raise UsageError(f"windows: fields: got {', '.join(sorted(unknown))}, wanted {', '.join(FIELDS)}")
@@ -242,5 +249,5 @@ def collate(items: list[dict[str, Any]]) -> dict[str, Any]:
         elif torch.is_tensor(values[0]):
             out[name] = torch.stack(values)
         else:
-            out[name] = torch.tensor(values)
+            out[name] = torch.from_numpy(np.array(values))  # torch.tensor has 24 bits of a time
     return out

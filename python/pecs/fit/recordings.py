@@ -138,8 +138,8 @@ def region_of(width: int, height: int) -> Place:
     return (width - w) // 2, (height - h) // 2, w, h
 
 
-def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Events, Place]:
-    """All events, those of the region, and the region."""
+def _load(file: str | Path, region: Sequence[int] | None, least: int = 0) -> tuple[Events, Events, Place]:
+    """All events, those of the region, which are `least` or more, and the region."""
     events = read(file, late="sort")
     if not len(events):
         raise _refuse(file, "no events", "a recording")
@@ -150,6 +150,8 @@ def _load(file: str | Path, region: Sequence[int] | None) -> tuple[Events, Event
     if w * h < 100:
         raise _refuse(file, f"{w * h} pixels", "a region of at least 100 pixels")
     inside = (events["x"] >= x) & (events["x"] < x + w) & (events["y"] >= y) & (events["y"] < y + h)
+    if (count := int(inside.sum())) < least:
+        raise _refuse(file, f"{count} events in the region {x},{y},{w},{h}", f"{least} or more")
     return events, events[inside], (x, y, w, h)
 
 
@@ -265,7 +267,7 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> StepEvents:
         raise _refuse(of.file, f"{len(levels)} levels {_listed(levels)}", wanted)
     if any(a == b for a, b in zip(levels, (*levels[1:], levels[0]), strict=True)):
         raise _refuse(of.file, f"levels {_listed(levels)}", "levels that differ from their neighbours")
-    _, events, place = _load(of.file, region)
+    _, events, place = _load(of.file, region, 2)
     pixels = place[2] * place[3]
     t_us, on = events["t"].astype(float), events["p"] == 1
     if of.edges_us is None:
@@ -273,6 +275,9 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> StepEvents:
         edges, rises = _in_phase(of.file, levels, edges, rises, t_us, pixels)
     else:
         edges = np.asarray(of.edges_us, float)
+        if edges[0] > t_us[-1] or edges[-1] < t_us[0]:
+            wanted = f"times within the recording's {t_us[0]:g} to {t_us[-1]:g} us"
+            raise _refuse(of.file, f"switches (--edges) from {edges[0]:g} to {edges[-1]:g} us", wanted)
     cycles = (len(edges) - 1) // len(levels)
     if cycles < MIN_CYCLES:
         raise _refuse(of.file, f"{cycles} complete cycles of {len(levels)} levels", f"at least {MIN_CYCLES}")
@@ -289,6 +294,8 @@ def load_steps(of: Steps, region: Sequence[int] | None = None) -> StepEvents:
         Path(of.file).name, levels, pixel, t_us[kept], on[kept], pixels, edges, np.median(lengths, axis=0), exact,
         place=place,
     )  # fmt: skip
+    sizes = np.histogram(out.t_us, edges)[0] / pixels
+    _check_alike(of.file, levels, [sizes[i :: len(levels)] for i in range(len(levels))])
     _check_steps(of.file, out, place[2])
     return out
 
@@ -345,10 +352,8 @@ def _in_phase(
         return -float(np.abs(mean / mean.sum() - np.abs(change) / np.abs(change).sum()).sum())
 
     shift = max((s for s in fits if len(sizes) - 1 - s >= k), key=likeness, default=fits[0])
-    means = [sizes[shift + i : -1 : k] for i in range(k)]
-    _check_alike(file, levels, means)
     if k > 2 and likeness(shift) < -0.5:
-        sizes_of = ", ".join(f"{of.mean():.1f}" for of in means)
+        sizes_of = ", ".join(f"{sizes[shift + i : -1 : k].mean():.1f}" for i in range(k))
         raise _refuse(file, f"{sizes_of} events per pixel", f"numbers in proportion to the steps of {_listed(levels)}")
     return edges[shift:], rises[shift:]
 
@@ -407,7 +412,7 @@ def _check_steps(file: str | Path, of: StepEvents, width: int) -> None:
 def load_stimulus(of: Stimulus, region: Sequence[int] | None = None) -> tuple[StepEvents, Screen]:
     """The ramps, and the screen. Still light is only checked: its noise depends on the light before. Raises
     PecsInputError for flashes that are not those of the page."""
-    _, events, place = _load(of.file, region)
+    _, events, place = _load(of.file, region, 2)
     t_us, on = events["t"].astype(float), events["p"] == 1
     edges, rises = _find_edges(of.file, t_us, on, place[2] * place[3], SCREEN_BIN_US)
     found = stimulus.sections(edges, rises)

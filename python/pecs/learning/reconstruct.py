@@ -177,8 +177,8 @@ def reconstruct(
     source, output = Path(source), Path(output)
     chosen = _weights(method, weights, cutoff_hz, smooth)
     check_outputs([source, chosen], [output])
-    with EventReader(source) as reader:
-        width, height = size or (reader.info["width"], reader.info["height"])
+    with EventReader(source, size=size) as reader:
+        width, height = reader.info["width"], reader.info["height"]
         if not width or not height:
             raise UsageError(f"{source}: the file does not state its size; pass --size WxH")
         network = Network(chosen, width, height, threads) if chosen else None
@@ -192,7 +192,6 @@ def reconstruct(
         def checked() -> Iterator[Window]:
             nonlocal events
             for window in chain([first], found):
-                _inside(source, window.events, width, height)
                 events += len(window.events)
                 yield window
 
@@ -232,10 +231,3 @@ def _weights(method: str, weights: str | PathLike[str] | None, cutoff_hz: float 
     if cutoff_hz is not None:
         raise UsageError(f"--cutoff {cutoff_hz:g}Hz: the network has no cutoff frequency (--method filter has one)")
     return WEIGHTS if weights is None else Path(weights)
-
-
-def _inside(source: Path, events: NDArray[np.void], width: int, height: int) -> None:
-    outside = (events["x"] >= width) | (events["y"] >= height)
-    if outside.any():
-        bad = events[outside][0]
-        raise bad_input(source, "pixel", (int(bad["x"]), int(bad["y"])), f"one of {width} x {height}")

@@ -10,20 +10,16 @@ namespace fs = std::filesystem;
 std::unique_ptr<sensor::FrameSource> open_frames(const fs::path& path, const PictureOptions& options) {
   if (!fs::exists(path)) throw not_found(path.string(), "no such file or folder");
   static const std::string kExr[] = {".exr"};
-  const bool has_json = fs::exists(path / "stack.json");
   const auto refuse = [&](const char* option, const char* wanted) {
     throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, path.string(), wanted));
   };
-  if (fs::is_directory(path) && (has_json || !sensor::files_in_order(path, kExr).empty())) {
+  if (fs::is_directory(path) && (fs::exists(path / "stack.json") || !sensor::files_in_order(path, kExr).empty())) {
     if (options.colour_space) refuse("--colorspace", "pictures or a video");
     if (options.ocio_config) refuse("--ocio", "pictures or a video");
     if (!options.flow) refuse("--no-flow", "pictures or a video");
     if (options.rolling_shutter_us) refuse("--rolling-shutter", "pictures or a video");
     if (options.crop) refuse("--crop", "pictures or a video");
     if (options.size) refuse("--size", "pictures or a video");
-    if (has_json && options.times.fps) refuse("--fps", "frames without times of their own");
-    if (has_json && options.times.unit) refuse("--time-unit", "--times, and frames without times of their own");
-    if (has_json && options.times.file_us) refuse("--times", "frames without times of their own");
     return std::make_unique<sensor::StackReader>(path, options.times);
   }
   return open_pictures(path, options);

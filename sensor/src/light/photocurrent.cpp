@@ -14,8 +14,21 @@
 
 namespace pecs::sensor {
 
+void check_effect(const PhotocurrentOptions& options, Quantity quantity) {
+  const auto reject = [](const char* option, const std::string& got, const char* wanted) {
+    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
+  };
+  const std::string got = fmt::format("light in {} units", name_of(quantity));
+  if (options.gain && options.fnumber) reject("--fnumber", "--gain beside it", "one of them");
+  if (options.gain && options.photocurrent_a) reject("--photocurrent", "--gain beside it", "one of them");
+  if (options.fnumber && quantity != Quantity::radiance) reject("--fnumber", got, "radiance");
+  if (options.photocurrent_a && quantity != Quantity::relative)
+    reject("--photocurrent", got, "relative light, or --gain");
+}
+
 std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,
                                      const std::string& name) {
+  check_effect(options, stack.quantity);
   constexpr double kElectron_c = 1.602176634e-19, kPlanck_js = 6.62607015e-34, kLight_m_per_s = 299792458;
   const bool absolute = stack.quantity != Quantity::relative && !options.gain;
   double film_per_value = 1;

@@ -41,16 +41,10 @@ class ProgressReporter {
 
 // Rejects options that have no effect on this input.
 void reject_unused(const SenseOptions& options, const FrameSource& source) {
-  const PhotocurrentOptions& light = options.light;
-  const std::string quantity = fmt::format("light in {} units", name_of(source.info().quantity));
+  check_effect(options.light, source.info().quantity);
   const auto reject = [](const char* option, const std::string& got, const char* wanted) {
     throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
   };
-  if (light.gain && light.fnumber) reject("--fnumber", "--gain beside it", "one of them");
-  if (light.gain && light.photocurrent_a) reject("--photocurrent", "--gain beside it", "one of them");
-  if (light.fnumber && source.info().quantity != Quantity::radiance) reject("--fnumber", quantity, "radiance");
-  if (light.photocurrent_a && source.info().quantity != Quantity::relative)
-    reject("--photocurrent", quantity, "relative light, or --gain");
   if (options.model.white_fa > 0 && model_traits(options.model).takes_light)
     reject("--white", "model " + options.model.name, "a model that takes pictures");
   if (options.frames && options.frames == options.output &&

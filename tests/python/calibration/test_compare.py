@@ -23,6 +23,13 @@ def test_wrong_input():
         pecs.compare(a, stream(0, 1), width=64, height=48)
     with pytest.raises(pecs.PecsError, match="normalisation: got 'float'"):
         pecs.compare(a, a, width=64, height=48, normalisation="float")
+    sized, smaller = pecs.Events(a, 64, 48), pecs.Events(stream(100, 2, 63, 47), 63, 47)
+    with pytest.raises(pecs.PecsError, match="sim: sensor size: got 63x47, wanted 64x48"):
+        pecs.compare(sized, smaller)
+    with pytest.raises(pecs.PecsError, match="sim: sensor size: got 64x48, wanted 63x47"):
+        pecs.compare(smaller, sized)
+    assert pecs.compare(sized, smaller, normalisation="eq16")["map_correlation"] is None
+    assert pecs.compare(sized, a) == pecs.compare(sized, sized)
 
 
 def test_program_says_the_same(pecs_program, tmp_path):
@@ -75,6 +82,10 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
     assert sum(alone["regions"]["events"]) == pytest.approx(60_000 * (0.98**2 - 0.2**2), rel=0.02)
     with pytest.raises(pecs.PecsError, match="time order"):
         pecs.delays(streams[0][::-1], disk=disk, width=320, height=300, duration_us=60_000)
+    other = disk | {"phase_time_us": disk["phase_time_us"] + 60_000}  # of the recording before --rezero
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    result = pecs_program("compare", *names, "--disk", "other.json", cwd=tmp_path)
+    assert result.returncode == 4 and "other.json: phase_time_us: got " in result.stderr, result.stderr
     (tmp_path / "no.json").write_text('{"sectors": 4}')
     result = pecs_program("compare", *names, "--disk", "no.json", cwd=tmp_path)
     assert result.returncode == 4 and "no.json: centre_x" in result.stderr

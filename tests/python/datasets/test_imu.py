@@ -149,6 +149,8 @@ def test_times():
         ("bmi088", {"rate_hz": 0}, "imu: rate_hz: got 0, wanted a number in"),
         ("bmi088", {"turn_on": -1}, "imu: turn_on: got -1"),
         ("bmi088", {"rig_from_imu": np.ones((4, 4))}, "wanted a rotation and a translation"),
+        ("ideal", {"rig_from_imu": np.diag([1, 1, -1, 1])}, "wanted a rotation and a translation"),  # left-handed
+        ("ideal", {"rig_from_imu": np.eye(4) + 0.1 * np.eye(4, k=-3)}, "wanted a rotation and a translation"),
     ],
 )
 def test_bad_parts(name, more, match):

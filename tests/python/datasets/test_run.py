@@ -355,6 +355,21 @@ def test_pages_and_exports(made):
     assert dataset(made / "r.toml", "-o", made / "set", "--sequences", 0, check=False).returncode == 2
 
 
+def test_exports_are_of_the_sequences_that_there_are(made, tmp_path):
+    shutil.copytree(made / "set", tmp_path / "set")
+    copy(made, tmp_path)
+    words, path = (tmp_path / "r.toml", "-o", tmp_path / "set"), tmp_path / "set/exports/dsec/export.json"
+    whole = path.read_bytes()
+    now = json.loads(whole)
+    assert set(now["made_of"]) == {"0000", "0001"}
+    now["made_of"].pop("0001")  # the set had one sequence, and grew
+    path.write_text(json.dumps(now))
+    dataset(*words)
+    assert path.read_bytes() == whole
+    result = dataset(*words, "--sequences", 1, check=False)
+    assert result.returncode == 5 and "sequences/0001: the recipe has 1 sequences" in result.stderr
+
+
 def test_an_estimate_is_measured_on_a_few_frames(tmp_path):
     """Of one camera."""
     recipe = FILM.split('[[rig.camera]]\nname = "frame"')[0] + "[render]" + FILM.split("[render]")[1]

@@ -3,12 +3,13 @@
 import json
 import pickle
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pecs
 import pytest
 from pecs._poses import read_tum
-from pecs.datasets import Sequence, sequences
+from pecs.datasets import Sequence, card, checks, cli, manifest, sequences
 from support import small_sequence as small
 
 
@@ -256,3 +257,45 @@ def test_a_window_costs_what_it_contains(sequence, monkeypatch):
         causes, poses = camera.causes(), camera.poses()[1]
         poses[:] = 0  # a copy
     assert len(causes) == len(camera.events()) and counts == {"max": 1, "read": 1} and camera.poses()[1].any()
+
+
+def test_events_that_stages_drop_were_fired(broken):
+    """Of 100 events that the readout lost, among those that it sent."""
+    stages = {"roi": 5000, "mask": 10, "afk": 0, "trail": 3000, "erc": 90}
+    results = {"dropped": 100, "dropped_by_stage": stages, "corner_hz": {}, "photocurrent_a": {}}
+    (broken / "left/events.h5.run.json").write_text(json.dumps({"results": results}))
+    sequence = Sequence(broken)
+    left = sequence.cameras["left"]
+    found = checks.events(sequence, left)
+    assert found["dropped_share"] == pytest.approx(100 / (100 + 3100 + len(left.events())))
+
+
+def test_damaged_sequences_are_no_part_of_the_set(folder, tmp_path):
+    for name in ("0000", "0001"):
+        manifest.seal(shutil.copytree(folder, tmp_path / "sequences" / name))
+    for number in (1, 2):
+        (tmp_path / "sequences/0001/poses.txt").write_text("damaged")
+        cli._move_aside([0, 1], tmp_path)
+        assert [one.folder.name for one in sequences(tmp_path)] == ["0000"]
+        assert (tmp_path / f"damaged/0001.{number}/poses.txt").read_text() == "damaged"
+        manifest.seal(shutil.copytree(folder, tmp_path / "sequences/0001"))
+    manifest.check_count(SimpleNamespace(sequences=2), tmp_path)
+    with pytest.raises(pecs.PecsOutputError, match="0001: the recipe has 1 sequences"):
+        manifest.check_count(SimpleNamespace(sequences=1), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("layers", "said"),
+    [
+        (("depth", "objects", "motion"), "At 30 Hz: depth, motion, objects; per event: cause, and object"),
+        (("depth",), "At 30 Hz: depth; per event: cause."),
+    ],
+)
+def test_datasheet_lists_what_there_is(layers, said):
+    values = {"layers": layers, "times_us": np.array([0, 33333.333, 66666.667]), "__len__": lambda _: 3}
+    truth = type("Truth", (), values)()
+    camera = {"name": "left", "kind": "events", "width": 8, "height": 6, "has_truth": True}
+    camera = SimpleNamespace(**camera, truth=truth, info={"chip": "ideal", "lens": "none", "pixels_of": None})
+    made = SimpleNamespace(split="train", duration_us=10**6, cameras={"left": camera}, info={"scene": "s", "imu": None})
+    recipe = SimpleNamespace(name="r", about={}, sha256="", truth=SimpleNamespace(layers=layers))
+    assert said in card._datasheet(recipe, {"versions": {"pecs": "1"}, "sequences": []}, [made])

@@ -177,6 +177,9 @@ def test_few_files_are_open(sequence, monkeypatch):
         ({"window_us": 0}, "of 0 every"),
         ({"by": "count", "count": 10, "step": -1}, "of 10 every -1"),
         ({"step_us": 0}, "of 50000 every 0"),
+        ({"count": 1000}, "got by 'time' and count, wanted by 'count'"),
+        ({"by": "count", "window_us": 1000, "step_us": 10}, "got by 'count' and window_us, step_us, wanted by 'time'"),
+        ({"transform": len, "keep_events": False}, "got a transform and keep_events False"),
         ({"fields": ["flow", "smell"]}, "fields: got smell, wanted flow"),
         ({"camera": "rgb"}, "camera: got 'rgb', which is no event camera"),
         ({"camera": "right", "fields": ["frame"]}, "right: got no frame, wanted fields that every camera"),
@@ -205,6 +208,7 @@ def test_torch_loads_in_workers(others, data):
         [Windows(data.sequences, "left", window_us=20_000, voxel_grid={})[i]["voxel_grid"] for i in range(5)]
     )
     np.testing.assert_array_equal(others["torch_voxels"], grids)
+    assert others["torch_late_us"].tolist() == [2**26 + 0.5]
     assert others["torch_boxes"].shape == (10, 7)
     np.testing.assert_array_equal(others["torch_boxes"][2:4, 1], [small.CARD, small.WALL])
 

@@ -225,6 +225,15 @@ def test_ros_by_rosbags(sequence, exported):
     assert len(found["/cam0/camera_info"]) == len(frames) and info.distortion_model == "plumb_bob"
     np.testing.assert_array_equal(info.k.reshape(3, 3), left.K)
     np.testing.assert_array_equal(info.d[: len(left.distortion)], left.distortion)
+    # ROS: P of both cameras takes points in the left one's rectified axes to rectified pixels.
+    point = np.array([0.3, -0.2, 2.0, 1.0])
+    np.testing.assert_allclose(info.p.reshape(3, 4) @ point, left.K_rect @ point[:3])
+    right = sequence.cameras["right"]
+    from_left = right.R_rect @ np.linalg.inv(right.rig_from_camera)[:3] @ left.rig_from_camera
+    from_left[:, :3] = from_left[:, :3] @ left.R_rect.T
+    P = found["/cam1/camera_info"][0].p.reshape(3, 4)
+    np.testing.assert_allclose(P @ point, right.K_rect @ from_left @ point, rtol=1e-9)
+    assert P[0, 3] == pytest.approx(-right.K_rect[0, 0] * 0.12) and abs(P[1:, 3]).max() < 1e-9
     t_us, poses = left.poses()
     for t, pose, message in zip(t_us, poses, found["/cam0/pose"], strict=True):
         p, q = message.pose.position, message.pose.orientation

@@ -123,6 +123,8 @@ def test_aedat2_without_a_camera_needs_the_size(tmp_path, pecs_program, head, si
     pecs_program("convert", tmp_path / "e.aedat", tmp_path / "o.csv", "--size", *size, check=True)
     assert_events(pecs.read(tmp_path / "o.csv"))
     refused(tmp_path / "e.aedat", "size: got 300x200", size=(300, 200))
+    with pytest.raises(TypeError, match="float"):
+        pecs.read(tmp_path / "e.aedat", size=(346.9, 260))
 
 
 @pytest.mark.parametrize("end", [b"", b"#End Of ASCII Header\r\n"])

@@ -94,6 +94,22 @@ def test_wrong_steps_are_refused(tmp_path, levels, shown, pattern, words):
     assert str(refused.value).startswith(f"{path}: got ") and "\n" not in str(refused.value)
 
 
+def test_switches_of_another_clock_are_refused(steps, tmp_path):
+    edges_us = 5e3 + LENGTH_US * np.arange(2 * CYCLES + 1)
+    assert load_steps(Steps(steps, LEVELS, edges_us)).exact
+    for wrong, words in (
+        (1e-3 * edges_us, "switches .--edges. from 5 to 245 us, wanted times within the recording's"),
+        (edges_us + 1e7, "wanted times within the recording's"),
+        (edges_us + 6 * LENGTH_US, "switches to level 1 with 0.0 to "),
+    ):
+        with pytest.raises(pecs.PecsInputError, match=words):
+            load_steps(Steps(steps, LEVELS, wrong))
+    events = pecs.read(steps)
+    dark = saved(tmp_path / "dark.raw", events[events["x"] < SIDE // 2])
+    with pytest.raises(pecs.PecsInputError, match="got 0 events in the region 20,0,12,12, wanted 2 or more"):
+        load_steps(Steps(dark, LEVELS), (20, 0, 12, 12))
+
+
 def test_a_saturated_readout_is_refused(tmp_path):
     light, t_us = light_of(LEVELS)
     slow = CHIP | {"readout_row_s": 2e-5}

@@ -1,6 +1,7 @@
 """The light of a stack at any time, and over exposures."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pecs
@@ -215,6 +216,38 @@ def test_wrong_requests_are_one_line(stack, tmp_path):
             light.at(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="closed"):
         light.at(0.0)
+
+
+def test_options_without_effect_are_refused_as_by_the_program(stack, tmp_path):
+    """The stack has times, and light as irradiance."""
+    words = "--fps: got .*, wanted frames without times of their own"
+    sensed = partial(sense, tmp_path)
+    for call in (pecs.StackReader, partial(pecs.Light, chips=CHIP), CHIP.photocurrent, sensed):
+        for fps in (500, 125, -5, float("nan")) if call is pecs.StackReader else (500,):
+            with pytest.raises(pecs.PecsInputError, match=words):
+                call(stack, fps=fps)
+    with pecs.StackReader(stack) as reader:
+        with pytest.raises(ValueError, match="fps: got one with a StackReader"):
+            CHIP.photocurrent(reader, 0, fps=500)
+        for frames in ([0.5, 1.7], [True, False, True], "0"):
+            with pytest.raises(ValueError, match="frames: got .*, wanted integers"):
+                CHIP.photocurrent(reader, frames)
+        assert CHIP.photocurrent(reader, []).shape == (0, SCENE.height, SCENE.width)
+    of_bands = partial(CHIP.amperes_per_unit, [{"lambda_nm": 550, "weight_nm": 1}])
+    for options, wanted in (
+        ({"fnumber": 4.0}, "--fnumber: got light in irradiance units, wanted radiance"),
+        ({"photocurrent_a": 1e-12}, "--photocurrent: got light in irradiance units, wanted relative light"),
+        ({"gain": 1e-15, "photocurrent_a": 1e-12}, "--photocurrent: got --gain beside it"),
+        ({"gain": 1e-15, "fnumber": 4.0}, "--fnumber: got --gain beside it"),
+    ):
+        calls = partial(pecs.Light, stack, CHIP), partial(CHIP.photocurrent, stack), partial(sensed, stack), of_bands
+        for call in calls:
+            with pytest.raises(pecs.PecsInputError, match=wanted):
+                call(**options)
+
+
+def sense(folder, stack, **options):
+    return pecs.sense(stack, folder / "events.npz", chip=CHIP, **options)
 
 
 def test_an_exposure_does_not_miss_a_picture_between(tmp_path):

@@ -57,6 +57,11 @@ def test_errors():
         pecs.simulate(frames.astype(np.int32), t)
     with pytest.raises(ValueError, match="frames: got masked values"):
         pecs.simulate(np.ma.masked_array(frames, frames > np.median(frames)), t)
+    for times in (*(t.astype(kind) for kind in ("m8[us]", "M8[ms]", complex, str)), np.ma.masked_equal(t, 5000)):
+        with pytest.raises(ValueError, match="t_us: got "):
+            pecs.simulate(frames, times)
+        with pecs.Sensor(W, H) as sensor, pytest.raises(ValueError, match="t_us: got "):
+            sensor.push(frames, times)
     with pytest.raises(pecs.PecsError, match="unknown key"):
         pecs.simulate(frames, t, overrides={"threshold": 1})
     with pytest.raises(pecs.PecsError, match="more than"):

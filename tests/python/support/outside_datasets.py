@@ -151,6 +151,7 @@ def windows(folder):
         out["torch_boxes"] += batch["boxes"].tolist()
         out["torch_voxels"] += [*batch["voxel_grid"].numpy()]
 
+    out["torch_late_us"] = collate([data[0] | {"truth_us": 2**26 + 0.5}])["truth_us"].tolist()
     sensor = (96, 72, 2)
     items = [data[i]["events"] for i in range(len(data))]
     frames = tonic.transforms.ToFrame(sensor_size=sensor, n_time_bins=4)

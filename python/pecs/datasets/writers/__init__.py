@@ -21,7 +21,8 @@ from typing import Any
 
 from ..._errors import PecsInputError as PecsInputError
 from ..._errors import UsageError
-from ..._files import whole_folder, write_json
+from ..._files import sha256, whole_folder, write_json
+from ..files import OWN
 from ..sequence import Sequence
 
 # Name -> what it is, in a few words.
@@ -44,7 +45,8 @@ def write(
     name: str, sequences: list[Sequence], folder: str | PathLike[str], replace: bool = False, **options: Any
 ) -> dict[str, Any]:
     """Writes sequences in a format of `WRITERS`; the folder appears when it is whole. Returns its report, also in
-    FOLDER/export.json: {"format", "sequences": {name: counts}, "left_out": [{"what", "why"}], …}.
+    FOLDER/export.json: {"format", "sequences": {name: counts}, "left_out": [{"what", "why"}], "made_of": {name:
+    SHA-256 of files.json}, …}.
 
     `replace`: an older folder of that name goes when the new one is whole; else it is an error. `options`: of the
     format's own `write`. Raises PecsInputError for what the format cannot hold, PecsOutputError for a folder that
@@ -61,5 +63,7 @@ def write(
     writer = importlib.import_module(f".{name}", __name__)
     with whole_folder(Path(folder), replace) as partial:
         report: dict[str, Any] = {"format": name, **writer.write(sequences, partial, **options).as_dict()}
+        sealed = ((s.name, s.folder / OWN) for s in sequences)
+        report["made_of"] = {name: sha256(file) if file.exists() else None for name, file in sealed}
         write_json(partial / REPORT, report)
     return report

@@ -6,7 +6,8 @@ an RGB camera with the pixels of an event camera has no number.
       /camN/events         dvs_msgs/EventArray or event_camera_msgs/EventPacket
       /camN/image_raw      sensor_msgs/Image rgb8, at the middle of the exposure
       /camN/exposure       std_msgs/Int32: of a DAVIS's image [us], as its driver has it
-      /camN/camera_info    sensor_msgs/CameraInfo: plumb_bob or rational_polynomial; R and P of the rectified picture
+      /camN/camera_info    sensor_msgs/CameraInfo: plumb_bob or rational_polynomial; R and P of the rectified picture,
+                           with -fx baseline in P of the right camera of a stereo pair
       /camN/pose           geometry_msgs/PoseStamped: world_from_camera; x right, y down, z forward
       /camN/depthmap       sensor_msgs/Image 32FC1: z [m] on the distorted pixels, as in the native files
       /camN/optic_flow     esim_msgs/OpticFlow: velocity [px/s] up to the next instant of the truth, NaN unknown
@@ -29,7 +30,7 @@ from ... import ros
 from ..._errors import UsageError
 from ..._poses import position_quaternion
 from ..files import read_picture
-from ..sequence import Camera, Frame, Sequence, frames_of, same_pixels
+from ..sequence import Camera, Frame, Sequence, frames_of, rect_from_rect, same_pixels
 from ._files import BLOCK
 from ._shared import Report, event_cameras
 
@@ -65,7 +66,7 @@ def _streams(
     bag: ros.Bag, at: str, sequence: Sequence, camera: Camera, messages: str, report: Report
 ) -> list[Iterator[Message]]:
     frames = frames_of(sequence, camera)
-    streams = [_images(bag, at, camera, frames), _poses(bag, at, camera)]
+    streams = [_images(bag, at, sequence, camera, frames), _poses(bag, at, camera)]
     if camera.kind == "events":
         ros.check_size(camera.events_path, camera.width, camera.height, messages)
         streams.append(_events(bag, at, camera, messages))
@@ -102,10 +103,10 @@ def _image(bag: ros.Bag, at: str, t_us: float, frame: str, encoding: str, pictur
     return _message(bag, at, t_us, frame, "sensor_msgs/msg/Image", **fields, step=rows.shape[1], data=rows.ravel())
 
 
-def _images(bag: ros.Bag, at: str, camera: Camera, frames: list[Frame]) -> Iterator[Message]:
+def _images(bag: ros.Bag, at: str, sequence: Sequence, camera: Camera, frames: list[Frame]) -> Iterator[Message]:
     """Pictures and, for each or once, the camera's model."""
     for t_us in [frame.middle_us for frame in frames] or [0.0]:
-        yield _camera_info(bag, f"{at}/camera_info", t_us, camera)
+        yield _camera_info(bag, f"{at}/camera_info", t_us, sequence, camera)
         for frame in frames:
             if frame.middle_us == t_us:
                 picture, grey = read_picture(frame.path), bool(camera.kind == "events" and camera.frames())
@@ -116,11 +117,12 @@ def _images(bag: ros.Bag, at: str, camera: Camera, frames: list[Frame]) -> Itera
                     yield _ns(t_us), f"{at}/exposure", "std_msgs/msg/Int32", bag.serialized(exposure)
 
 
-def _camera_info(bag: ros.Bag, at: str, t_us: float, camera: Camera) -> Message:
+def _camera_info(bag: ros.Bag, at: str, t_us: float, sequence: Sequence, camera: Camera) -> Message:
     model = "plumb_bob" if len(camera.distortion) <= 5 else "rational_polynomial"
     d = np.zeros(max(5 if model == "plumb_bob" else 8, len(camera.distortion)))
     d[: len(camera.distortion)] = camera.distortion
-    P = np.column_stack([camera.K_rect, np.zeros(3)])
+    lefts = [left for left, right in sequence.stereo_pairs(camera.kind) if right is camera]
+    P = camera.K_rect @ np.column_stack([np.eye(3), -rect_from_rect(lefts[0], camera)[:3, 3] if lefts else np.zeros(3)])
     matrices = {"d": d, "k": camera.K.ravel(), "r": camera.R_rect.ravel(), "p": P.ravel()}
     if bag.ros1:
         matrices = {name.upper(): value for name, value in matrices.items()}

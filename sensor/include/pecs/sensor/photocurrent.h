@@ -22,9 +22,13 @@ struct PhotocurrentOptions {
 };
 inline constexpr double kDefaultWhite_a = 1e-12;
 
+// Throws usage for an option that has no effect on light of this quantity, or beside another one.
+void check_effect(const PhotocurrentOptions& options, Quantity quantity);
+
 // Amperes in a pixel of the chip, without its mosaic, per unit of each band's value. The pixel's area is the chip's: a
 // stack of coarser pixels (a quick render) gives each of them the light of one real pixel. Throws bad_input for
-// radiance with neither f-number nor gain, and if the QE is 0 in all bands; `name`: of the stack in such errors.
+// radiance with neither f-number nor gain, and if the QE is 0 in all bands, and as check_effect; `name`: of the stack
+// in such errors.
 std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,
                                      const std::string& name = "stack");
 
