@@ -68,7 +68,7 @@ core_tests() {
   local target=$1 folder="build/$1-tests" failed='' test; shift
   local tests=(test_common test_events test_lens test_metrics test_sensor)
   cmake -S . -B "$folder" -G Ninja -DCMAKE_TOOLCHAIN_FILE="$ROOT/scripts/platforms/$target.cmake" -DPECS_CORE=ON \
-    -DCMAKE_BUILD_TYPE=Release -DPECS_BUILD_BENCH=OFF >/dev/null
+    -DCMAKE_BUILD_TYPE=Release >/dev/null
   cmake --build "$folder" --target "${tests[@]}" | tail -1
   for test in "${tests[@]}"; do
     "$@" "$ROOT/$(compgen -G "$folder/bin/$test*")" --gtest_brief=1 || failed+=" $test"

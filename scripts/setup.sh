@@ -55,7 +55,7 @@ fi
 
 say "Program (build/release)"
 [ "$WITH_TESTS" = OFF ] && grep -qs 'PECS_BUILD_TESTS:BOOL=ON' build/release/CMakeCache.txt && WITH_TESTS=ON
-cmake --preset release -DPECS_BUILD_TESTS=$WITH_TESTS -DPECS_BUILD_BENCH=$WITH_TESTS -DPECS_BUILD_FUZZERS=$WITH_TESTS \
+cmake --preset release -DPECS_BUILD_TESTS=$WITH_TESTS -DPECS_BUILD_FUZZERS=$WITH_TESTS \
   -DPECS_WERROR=$([ "${CI:-}" = true ] && echo ON || echo OFF) >build.log 2>&1 || { cat build.log; die "setup.sh: cmake failed"; }
 rm build.log
 cmake --build --preset release

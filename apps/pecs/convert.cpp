@@ -1,8 +1,6 @@
 // pecs convert: an event file in another format, whole or in part.
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include "commands.h"
 #include "console.h"
 #include "help.h"
@@ -40,11 +38,8 @@ class Stages {
   void apply(std::vector<events::Event>& block, bool last, events::Selector& selector) {
     if (is_on_) {
       sensor::LabelledEvents part{{block.begin(), block.end()}, {}};
-      const auto kept = [&] { return std::ranges::count_if(part.events, [&](auto& e) { return selector.keeps(e); }); };
-      const auto all = kept();
-      stages_->before_readout(part);
-      counts_[static_cast<std::size_t>(sensor::Stage::roi)] += all - kept();
       std::vector<sensor::DroppedEvent> dropped;
+      stages_->before_readout(part, &dropped);
       stages_->after_readout(part, last, &dropped);
       std::erase_if(dropped, [&](const auto& d) { return !selector.keeps(d.event); });
       for (const sensor::DroppedEvent& d : dropped) ++counts_[static_cast<std::size_t>(d.stage)];

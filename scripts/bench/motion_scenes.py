@@ -2,31 +2,23 @@
 Blender frames of 1 ms (`still`: 256); the fastest surface moves about one pixel in a millisecond at 96x54 pixels."""
 
 import math
-import sys
-from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs_lab import blend
+from pecs_lab.blend import box, curves, instance_on_points, material, put
 
 FRAMES = 64
+MIRROR = {"Color": (0.9, 0.9, 0.9, 1), "Roughness": 0.0}
 
 
 def start(sky=0.0):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = 96, 54
+    scene = blend.start((96, 54), (0, 0, 1), 90, focal_mm=36.0)
     scene.render.fps, scene.render.fps_base = 1000, 1.0
     scene.frame_start, scene.frame_end = 0, FRAMES - 1
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.data.lens, camera.data.sensor_width = 36.0, 36.0
-    camera.location, camera.rotation_euler = (0, 0, 1), (math.radians(90), 0, 0)  # looks along +y
-    scene.collection.objects.link(camera)
-    scene.camera = camera
     if sky:
-        scene.world = bpy.data.worlds.new("sky")
-        scene.world.use_nodes = True
-        scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = sky
-    return scene, camera
+        blend.world("sky", strength=sky)
+    return scene, scene.camera
 
 
 def lamp(kind="AREA", location=(0, 0, 4), energy=400.0, size=2.0):
@@ -34,10 +26,7 @@ def lamp(kind="AREA", location=(0, 0, 4), energy=400.0, size=2.0):
     light.energy = energy
     if kind == "AREA":
         light.size = size
-    thing = bpy.data.objects.new("lamp", light)
-    thing.location = location
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    return put(light, location)
 
 
 def picture(name, seed, pixels=512, finest=1, octaves=6):
@@ -59,70 +48,26 @@ def picture(name, seed, pixels=512, finest=1, octaves=6):
 
 
 def textured(name, seed, scale=1.0, finest=1):
-    m = bpy.data.materials.new(name)
-    m.use_nodes = True
-    tree = m.node_tree
-    tree.nodes.clear()
-    out, diffuse = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    m, tree, _ = material(name, ("ShaderNodeBsdfDiffuse", {}))
     image, mapping, uv = (tree.nodes.new(f"ShaderNode{k}") for k in ("TexImage", "Mapping", "TexCoord"))
     image.image = picture(name, seed, finest=finest)
     mapping.inputs["Scale"].default_value = (scale, scale, scale)
-    for a, b in (
-        (uv.outputs["UV"], mapping.inputs["Vector"]),
-        (mapping.outputs[0], image.inputs["Vector"]),
-        (image.outputs["Color"], diffuse.inputs["Color"]),
-        (diffuse.outputs[0], out.inputs["Surface"]),
-    ):
-        tree.links.new(a, b)
-    return m
-
-
-def plain(name, kind, **values):
-    m = bpy.data.materials.new(name)
-    m.use_nodes = True
-    tree = m.node_tree
-    tree.nodes.clear()
-    out, node = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new(kind)
-    for key, value in values.items():
-        node.inputs[key].default_value = value
-    tree.links.new(node.outputs[0], out.inputs["Surface"])
+    tree.links.new(uv.outputs["UV"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], image.inputs["Vector"])
+    tree.links.new(image.outputs["Color"], tree.nodes["Diffuse BSDF"].inputs["Color"])
     return m
 
 
 def plane(m, location, size, rotation_deg=(90, 0, 0)):
-    bpy.ops.mesh.primitive_plane_add(size=size, location=location, rotation=[math.radians(a) for a in rotation_deg])
-    bpy.context.object.data.materials.append(m)
-    return bpy.context.object
-
-
-def box(m, location, size):
-    bpy.ops.mesh.primitive_cube_add(size=size, location=location)
-    bpy.context.object.data.materials.append(m)
-    return bpy.context.object
+    return blend.floor(m, size, location, rotation_deg)
 
 
 def ball(m, location, radius):
-    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=48, ring_count=24)
-    thing = bpy.context.object
-    thing.data.polygons.foreach_set("use_smooth", [True] * len(thing.data.polygons))
-    thing.data.materials.append(m)
-    return thing
+    return blend.ball(m, location, radius, segments=48, smooth=True)
 
 
 def moves(thing, path, first, last):
-    """Linear, from the first frame to the last, as text that needs no interpolation settings of the user."""
-    for frame, value in ((0, first), (FRAMES - 1, last)):
-        setattr(thing, path, value)
-        thing.keyframe_insert(path, frame=frame)
-    for curve in curves(thing):
-        for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
-        curve.extrapolation = "LINEAR"
-
-
-def curves(thing):
-    block = thing.animation_data.action
-    return block.fcurves if hasattr(block, "fcurves") else block.layers[0].strips[0].channelbags[0].fcurves
+    blend.move(thing, path, (first, last), (0, FRAMES - 1))
 
 
 def room():
@@ -144,7 +89,7 @@ def shadow():
     lamp("SUN", (0, 0, 5), 3.0).rotation_euler = (math.radians(50), 0, 0)
     wall = plane(textured("wall", 6), (0, 4, 1), 8)
     moves(wall, "location", (-0.6, 4, 1), (0.6, 4, 1))
-    bar = box(plain("bar", "ShaderNodeBsdfDiffuse"), (0, 1.5, 3.6), 0.4)  # out of sight
+    bar = box(material("bar", ("ShaderNodeBsdfDiffuse", {}))[0], (0, 1.5, 3.6), 0.4)  # out of sight
     moves(bar, "location", (1.2, 1.5, 3.6), (-1.2, 1.5, 3.6))
 
 
@@ -154,7 +99,7 @@ def mirror():
     lamp("AREA", (0, 2, 3.9), 300, 3)
     plane(textured("back", 1), (0, 6, 1), 9)
     plane(textured("floor", 2), (0, 3, -0.5), 12, (0, 0, 0))
-    ball(plain("mirror", "ShaderNodeBsdfAnisotropic", Color=(0.9, 0.9, 0.9, 1), Roughness=0.0), (0.1, 3, 1), 0.6)
+    ball(material("mirror", ("ShaderNodeBsdfAnisotropic", MIRROR))[0], (0.1, 3, 1), 0.6)
     moves(camera, "location", (-0.5, 0, 1), (0.5, 0, 1))
 
 
@@ -163,7 +108,7 @@ def glass():
     start(sky=0.8)
     wall = plane(textured("wall", 7, finest=2), (0, 4, 1), 8)
     moves(wall, "location", (-1.2, 4, 1), (1.2, 4, 1))
-    ball(plain("glass", "ShaderNodeBsdfGlass", Roughness=0.0, IOR=1.5), (0.2, 2.5, 1), 0.5)
+    ball(material("glass", ("ShaderNodeBsdfGlass", {"Roughness": 0.0, "IOR": 1.5}))[0], (0.2, 2.5, 1), 0.5)
 
 
 def flicker():
@@ -193,9 +138,8 @@ def lamps():
             collection = bpy.data.collections.new("instanced")
             scene.collection.objects.unlink(light)
             collection.objects.link(light)
-            instance = bpy.data.objects.new("instance", None)
+            instance = put(None, name="instance")
             instance.instance_type, instance.instance_collection = "COLLECTION", collection
-            scene.collection.objects.link(instance)
     strength = scene.world.node_tree.nodes["Background"].inputs["Strength"]
     for frame, value in ((0, 0.1), (FRAMES, 0.3)):
         strength.default_value = value
@@ -216,8 +160,7 @@ def character():
     bpy.ops.mesh.select_all(action="SELECT")
     bpy.ops.mesh.subdivide(number_cuts=6)
     bpy.ops.object.mode_set(mode="OBJECT")
-    bones = bpy.data.objects.new("bones", bpy.data.armatures.new("bones"))
-    bpy.context.scene.collection.objects.link(bones)
+    bones = put(bpy.data.armatures.new("bones"))
     bpy.context.view_layer.objects.active = bones
     bpy.ops.object.mode_set(mode="EDIT")
     lower, upper = bones.data.edit_bones.new("lower"), bones.data.edit_bones.new("upper")
@@ -237,9 +180,7 @@ def character():
         bone.keyframe_insert("rotation_euler", frame=frame)
     dice = box(textured("dice", 10, 0.6), (0.5, 3.0, 0.6), 0.45)
     for k, place in enumerate(((0.5, 3.0, 0.6), (1.1, 3.4, 1.2), (0.4, 3.6, 1.5))):
-        copy = dice if k == 0 else bpy.data.objects.new(f"dice {k}", dice.data)
-        if k:
-            bpy.context.scene.collection.objects.link(copy)
+        copy = put(dice.data, name=f"dice {k}") if k else dice
         copy.location = place
         moves(copy, "rotation_euler", (0.3 * k, 0, 0), (0.3 * k, 0.5, 2.0))
     _drifting(textured("confetti", 11))
@@ -251,16 +192,7 @@ def _drifting(material):
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2, size=1.4, location=(0.2, 2.2, 1.0))
     grid = bpy.context.object
     grid.rotation_euler = (math.radians(90), 0, 0)
-    tree = bpy.data.node_groups.new("drift", "GeometryNodeTree")
-    for in_out in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    enter, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
-    points, info = tree.nodes.new("GeometryNodeInstanceOnPoints"), tree.nodes.new("GeometryNodeObjectInfo")
-    info.inputs["Object"].default_value = small
-    tree.links.new(enter.outputs[0], points.inputs["Points"])
-    tree.links.new(info.outputs["Geometry"], points.inputs["Instance"])
-    tree.links.new(points.outputs[0], leave.inputs[0])
-    grid.modifiers.new("drift", "NODES").node_group = tree
+    instance_on_points(grid, small)
     moves(grid, "location", (0.0, 2.2, 0.7), (0.7, 2.2, 1.1))
 
 
@@ -279,13 +211,5 @@ def still():
 SCENES = (room, shadow, mirror, glass, flicker, lamps, character, still)
 
 
-def main(folder, *names):
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    for make in SCENES:
-        if not names or make.__name__ in names:
-            make()
-            bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder).absolute() / f"{make.__name__}.blend"))
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    blend.write(SCENES)

@@ -22,7 +22,7 @@ import numpy as np
 import pecs
 from pecs.motion import CHANNELS
 from pecs_lab.measure import command
-from pecs_lab.scenes import stack_of
+from pecs_lab.scenes import stack_json
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT, FRAMES, PERIOD_US = 67, 45, 40, 8000
@@ -44,7 +44,7 @@ def write_stacks(folder: Path) -> None:
     for name, quantity, scale in (("film", "irradiance", 2e-4), ("scene", "radiance", 0.02)):
         times_ns = [i * PERIOD_US * 1000 // FRAMES for i in range(FRAMES)]
         more = {"quantity": quantity, "bands": bands, "period_ns": PERIOD_US * 1000}
-        stack = stack_of(WIDTH, HEIGHT, times_ns, **more)
+        stack = stack_json(WIDTH, HEIGHT, times_ns, **more)
         with pecs.StackWriter(folder / name, stack) as writer:
             for i in range(FRAMES):
                 writer.write_frame(i, light(i / FRAMES) * np.float32(scale))
@@ -155,7 +155,7 @@ def warmed_up(program: Path, folder: Path) -> dict[str, str]:
         ("frames", WIDTH, HEIGHT, 20), ("motion", WIDTH, HEIGHT, 20), ("large", 2100, 2100, 3),
     ):  # fmt: skip
         layers = [layer] if name == "motion" else []
-        stack = stack_of(width, height, [i * 1_000_000 for i in range(frames)], layers=layers)
+        stack = stack_json(width, height, [i * 1_000_000 for i in range(frames)], layers=layers)
         with pecs.StackWriter(folder / f"rising_{name}", stack) as writer:
             for i in range(frames):
                 if name == "motion" and i + 1 < frames:

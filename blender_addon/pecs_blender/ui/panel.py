@@ -24,6 +24,7 @@ class _RenderTab:
 
 class SubPanel(_RenderTab):
     bl_parent_id = "PECS_PT_render"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context) -> None:
         self.layout.use_property_split, self.layout.use_property_decorate = True, False
@@ -115,26 +116,21 @@ def _camera(layout, scene, s) -> None:
 
 class PECS_PT_camera(SubPanel, bpy.types.Panel):
     bl_label = "Event Camera"
+    bl_options = set()  # open
 
     def fill(self, layout, scene, s) -> None:
         _camera(layout, scene, s)
 
 
-class PECS_PT_camera_data(bpy.types.Panel):
+class PECS_PT_camera_data(SubPanel, bpy.types.Panel):
     bl_label = "PECS: Event Camera"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
+    bl_parent_id = ""
     bl_context = "data"
-    bl_options = {"DEFAULT_CLOSED"}
+    fill = PECS_PT_camera.fill
 
     @classmethod
     def poll(cls, context) -> bool:
         return context.camera is not None and context.object == context.scene.camera
-
-    def draw(self, context) -> None:
-        self.layout.use_property_split, self.layout.use_property_decorate = True, False
-        with contextlib.suppress(PecsError):
-            _camera(self.layout, context.scene, context.scene.pecs)
 
 
 def _answer(layout, answer, now: list[str]):
@@ -148,7 +144,6 @@ def _answer(layout, answer, now: list[str]):
 
 class PECS_PT_time(SubPanel, bpy.types.Panel):
     bl_label = "Time and Quality"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "whole_range")
@@ -172,7 +167,6 @@ class PECS_PT_time(SubPanel, bpy.types.Panel):
 class PECS_PT_probe(SubPanel, bpy.types.Panel):
     bl_label = "Brightness"
     bl_parent_id = "PECS_PT_time"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.probe_light", icon="LIGHT_SUN")
@@ -192,7 +186,6 @@ class PECS_PT_probe(SubPanel, bpy.types.Panel):
 class PECS_PT_truth(SubPanel, bpy.types.Panel):
     bl_label = "Ground Truth"
     bl_parent_id = "PECS_PT_time"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.column(align=True).prop(s, "layers")
@@ -203,7 +196,6 @@ class PECS_PT_truth(SubPanel, bpy.types.Panel):
 class PECS_PT_checks(SubPanel, bpy.types.Panel):
     bl_label = "Scene Checks"
     bl_parent_id = "PECS_PT_time"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.operator("pecs.check_scene", icon="VIEWZOOM")
@@ -216,7 +208,6 @@ class PECS_PT_checks(SubPanel, bpy.types.Panel):
 
 class PECS_PT_events(SubPanel, bpy.types.Panel):
     bl_label = "Events"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s.sensor, "output", placeholder=paths.events(scene).name)
@@ -237,7 +228,6 @@ class PECS_PT_events(SubPanel, bpy.types.Panel):
 
 class PECS_PT_view(SubPanel, bpy.types.Panel):
     bl_label = "Results"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         _events_shown(layout)
@@ -262,7 +252,6 @@ class PECS_PT_view(SubPanel, bpy.types.Panel):
 class PECS_PT_compare(SubPanel, bpy.types.Panel):
     bl_label = "Compare"
     bl_parent_id = "PECS_PT_view"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s.sensor, "recording")
@@ -292,7 +281,6 @@ def _score(layout, label: str, real: str, sim: str, ratio: str, icon: str) -> No
 
 class PECS_PT_advanced(SubPanel, bpy.types.Panel):
     bl_label = "Advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         pass
@@ -301,7 +289,6 @@ class PECS_PT_advanced(SubPanel, bpy.types.Panel):
 class PECS_PT_sensor(SubPanel, bpy.types.Panel):
     bl_label = "Sensor"
     bl_parent_id = "PECS_PT_advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         name = s.sensor.preset or "The chip's values"
@@ -321,7 +308,6 @@ def _override(row, s, index: int, known: dict, text: str) -> None:
 
 class PECS_PT_parameters(SubPanel, bpy.types.Panel):
     bl_label = "Parameters"
-    bl_options = {"DEFAULT_CLOSED"}
     bl_parent_id = "PECS_PT_sensor"
 
     def fill(self, layout, scene, s) -> None:
@@ -340,7 +326,6 @@ class PECS_PT_parameters(SubPanel, bpy.types.Panel):
 
 class PECS_PT_stages(SubPanel, bpy.types.Panel):
     bl_label = "Biases and Digital Stages"
-    bl_options = {"DEFAULT_CLOSED"}
     bl_parent_id = "PECS_PT_sensor"
 
     def fill(self, layout, scene, s) -> None:
@@ -358,7 +343,6 @@ class PECS_PT_stages(SubPanel, bpy.types.Panel):
 class PECS_PT_lens(SubPanel, bpy.types.Panel):
     bl_label = "Lens"
     bl_parent_id = "PECS_PT_advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         if not settings.has_lens(s):
@@ -374,7 +358,6 @@ class PECS_PT_lens(SubPanel, bpy.types.Panel):
 class PECS_PT_light(SubPanel, bpy.types.Panel):
     bl_label = "Light and Bands"
     bl_parent_id = "PECS_PT_advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         auto(layout, s, "bands", "samples")
@@ -385,7 +368,6 @@ class PECS_PT_light(SubPanel, bpy.types.Panel):
 
 class PECS_PT_light_more(SubPanel, bpy.types.Panel):
     bl_label = "More"
-    bl_options = {"DEFAULT_CLOSED"}
     bl_parent_id = "PECS_PT_light"
 
     def fill(self, layout, scene, s) -> None:
@@ -399,7 +381,6 @@ class PECS_PT_light_more(SubPanel, bpy.types.Panel):
 class PECS_PT_stack(SubPanel, bpy.types.Panel):
     bl_label = "Stack"
     bl_parent_id = "PECS_PT_advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def fill(self, layout, scene, s) -> None:
         layout.prop(s, "output", placeholder=paths.stack(scene).name)

@@ -66,8 +66,8 @@ def frames(name: str, count: int, fps: float = 1000.0) -> tuple[np.ndarray, np.n
     return np.stack([light(t * 1e-6).astype(np.float32) for t in t_us]), t_us
 
 
-def stack_of(width: int, height: int, times_ns: list[int], **more: object) -> dict:
-    """The content of stack.json, without a renderer."""
+def stack_json(width: int, height: int, times_ns: list[int], **more: object) -> dict:
+    """The content of a stack.json of irradiance in one band; `more` replaces entries."""
     return {
         "pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6,
         "bands": [{"lambda_nm": 550.0, "weight_nm": 100.0}], "times_ns": times_ns, "period_ns": None, "lens": None,

@@ -74,9 +74,8 @@ void EventSink::write(std::vector<events::Frame> frames) {
 void EventSink::read_out(LabelledEvents& part, bool last) {
   const bool inside = !part.events.empty() && part.events.front().t_us >= timeline_.from_us() &&
                       part.events.front().t_us < timeline_.to_us();
-  constexpr auto kRoi = static_cast<std::size_t>(Stage::roi);
-  const std::int64_t outside_roi = stages_.counts()[kRoi], lost = readout_ ? readout_->dropped() : 0;
-  stages_.before_readout(part);
+  const std::int64_t lost = readout_ ? readout_->dropped() : 0;
+  stages_.before_readout(part, &dropped_);
   if (readout_) {
     readout_->push(part, last, sent_);
   } else if (sent_.events.empty()) {
@@ -85,9 +84,7 @@ void EventSink::read_out(LabelledEvents& part, bool last) {
     sent_.events.insert(sent_.events.end(), part.events.begin(), part.events.end());
     sent_.causes.insert(sent_.causes.end(), part.causes.begin(), part.causes.end());
   }
-  if (!inside) return;
-  dropped_by_[kRoi] += stages_.counts()[kRoi] - outside_roi;
-  if (readout_) lost_ += readout_->dropped() - lost;
+  if (inside && readout_) lost_ += readout_->dropped() - lost;
 }
 
 // Counts and writes the dropped events of the output's window.

@@ -44,8 +44,10 @@ void DroppedFile::write(std::span<const DroppedEvent> dropped) {
     bytes.resize(at + sizeof value);
     std::memcpy(bytes.data() + at, &value, sizeof value);
   };
-  for (const auto& [e, stage] : dropped) add(e.t_us), add(e.x), add(e.y), add(e.p), add(stage);
-  file_.write(bytes, dropped.size());
+  std::size_t count = 0;
+  for (const auto& [e, stage] : dropped)
+    if (stage != Stage::roi) add(e.t_us), add(e.x), add(e.y), add(e.p), add(stage), ++count;
+  file_.write(bytes, count);
 }
 
 }  // namespace pecs::sensor

@@ -139,12 +139,15 @@ EventStages::EventStages(const StageOptions& options, int width, int height) : w
 
 EventStages::~EventStages() = default;
 
-void EventStages::before_readout(LabelledEvents& labelled) {
+void EventStages::before_readout(LabelledEvents& labelled, std::vector<DroppedEvent>* dropped) {
   if (outside_.empty()) return;
   auto& events = labelled.events;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < events.size(); ++i) {
-    if (outside_[static_cast<std::size_t>(events[i].y) * static_cast<std::size_t>(width_) + events[i].x]) continue;
+    if (outside_[static_cast<std::size_t>(events[i].y) * static_cast<std::size_t>(width_) + events[i].x]) {
+      if (dropped) dropped->push_back({events[i], Stage::roi});
+      continue;
+    }
     if (!labelled.causes.empty()) labelled.causes[kept] = labelled.causes[i];
     events[kept++] = events[i];
   }

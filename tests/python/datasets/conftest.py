@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pecs.datasets import writers
 from support import HERE, ROOT
+from support.faults import mounted
 
 
 @pytest.fixture(scope="session")
@@ -43,10 +44,4 @@ def outside(tmp_path_factory):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A folder for 96 KB."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=96k", "pecs", folder]).returncode:
-        pytest.skip("needs root, and to mount a small file system")
-    yield folder
-    subprocess.run(["umount", folder], check=True)
+    yield from mounted(tmp_path / "small", 96)

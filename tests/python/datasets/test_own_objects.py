@@ -25,15 +25,15 @@ MODELS = """
 import os, sys
 import bpy
 import numpy as np
-from support import blend_parts
+from pecs_lab import blend
 folder = sys.argv[1]
 for name in ("models", "skies"):
     os.makedirs(f"{folder}/{name}")
 for name, make in (("cone.glb", bpy.ops.mesh.primitive_cone_add), ("monkey.obj", bpy.ops.mesh.primitive_monkey_add)):
-    blend_parts.start()
+    blend.start()
     make()
     red = {"Base Color": (0.8, 0.02, 0.02, 1)}
-    bpy.context.object.data.materials.append(blend_parts.material("red", ("ShaderNodeBsdfPrincipled", red))[0])
+    bpy.context.object.data.materials.append(blend.material("red", ("ShaderNodeBsdfPrincipled", red))[0])
     write = bpy.ops.export_scene.gltf if name.endswith("glb") else bpy.ops.wm.obj_export
     write(filepath=f"{folder}/models/{name}")
 image = bpy.data.images.new("sky", 64, 32, float_buffer=True)

@@ -16,16 +16,14 @@ dataset = partial(run_module, "pecs.datasets", check=False)
 FILES = """
 import json, sys
 import bpy
-from support import blend_parts
+from pecs_lab import blend
 folder = sys.argv[1]
 def start():
-    scene = blend_parts.start()
-    blend_parts.lamp("SUN", (1, 1, 1), 3)
-    for colour, make in ((blend_parts.GREY, lambda: bpy.ops.mesh.primitive_plane_add(size=20)),
-                         (blend_parts.RED, lambda: bpy.ops.mesh.primitive_cube_add(location=(0, 0, 0.8), size=1))):
-        make()
-        material, _, _ = blend_parts.material("m", ("ShaderNodeBsdfDiffuse", {"Color": colour}))
-        bpy.context.object.data.materials.append(material)
+    scene = blend.start()
+    blend.lamp("SUN", (1, 1, 1), 3)
+    grey, red = (blend.material("m", ("ShaderNodeBsdfDiffuse", {"Color": c}))[0] for c in (blend.GREY, blend.RED))
+    blend.floor(grey, 20)
+    blend.box(red, (0, 0, 0.8), 1)
     camera, scene.frame_end = scene.camera, 4
     camera.data.shift_x = 0.1
     for frame, x, roll in ((1, -0.3, 0.0), (4, 0.1, 0.1)):
@@ -34,12 +32,11 @@ def start():
         camera.keyframe_insert("rotation_euler", frame=frame)
     return scene, camera
 def add(scene, name, location, parent=None):
-    thing = bpy.data.objects.new(name, scene.camera.data.copy())
-    thing.location, thing.parent = location, parent
-    scene.collection.objects.link(thing)
+    thing = blend.put(scene.camera.data.copy(), location, name=name)
+    thing.parent = parent
     return thing
 def save(name):
-    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
+    blend.save(folder, name)
 scene, camera = start()
 right = add(scene, "right.001", (0.1, 0, 0), camera)
 right.data.sensor_fit, right.data.shift_y = "VERTICAL", -0.05
@@ -59,7 +56,7 @@ for frame, mm in ((1, 35), (4, 50)):
     camera.data.keyframe_insert("lens", frame=frame)
 save("zoom")
 scene, camera = start()
-for curve in camera.animation_data.action.fcurves:
+for curve in blend.curves(camera):
     for point in curve.keyframe_points:
         point.interpolation = "CONSTANT"
 save("jump")

@@ -49,7 +49,7 @@ def stack_and_truth(folder):
 
 
 def my_blend(folder):
-    code = "import bpy; from support import blend_parts as b; b.start(); b.lamp(energy=2000)\n"
+    code = "import bpy; from pecs_lab import blend as b; b.start(); b.lamp(energy=2000)\n"
     code += "ball = b.ball(b.material('grey', ('ShaderNodeBsdfDiffuse', {'Color': b.GREY}))[0])\n"
     code += (
         "for frame, x in ((1, -0.5), (2, 0.5)): ball.location.x = x; ball.keyframe_insert('location', frame=frame)\n"

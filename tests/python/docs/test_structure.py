@@ -130,8 +130,7 @@ def test_private_headers_stay_in_their_part():
             owners = private.get(Path(header).name, set())
             if header in public or not owners or (path.parent / header).is_file():
                 continue
-            # The benches measure private kernels, the fuzzers reach private readers.
-            if part_of(path) not in owners and not name_of(path).startswith(("scripts/bench/", "tests/fuzz/")):
+            if part_of(path) not in owners and not name_of(path).startswith("tests/fuzz/"):  # of private readers
                 wrong.append(f"{name_of(path)} includes {header}, private to {', '.join(owners)}")
     assert not wrong, "\n".join(wrong)
 

@@ -8,7 +8,7 @@ pytest.importorskip("bpy")
 BLENDER = """
 import math, sys
 import bpy
-from support.blend_parts import GREY, ball, floor, lamp, material, start
+from pecs_lab.blend import GREY, ball, curves, floor, lamp, material, start
 from pecs_blender import ui
 from pecs_blender.ui import background, scene_checks
 
@@ -39,7 +39,7 @@ thing.location.x = -1
 thing.keyframe_insert("location", index=0, frame=1)
 thing.location.x = 1
 thing.keyframe_insert("location", index=0, frame=5)
-for curve in thing.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+for curve in curves(thing):
     for point in curve.keyframe_points:
         point.interpolation = "LINEAR"
 scene.frame_set(3, subframe=0.25)

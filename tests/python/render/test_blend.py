@@ -198,7 +198,7 @@ def test_what_a_foreign_file_cannot_choose(tmp_path):
 
 SETTINGS = """
 import bpy, sys
-from support.blend_parts import RED, ball, floor, lamp, material, start
+from pecs_lab.blend import RED, ball, floor, lamp, material, put, save, start
 for name in ("plain", "settings", "others", "mirrored"):
     scene = start()
     light, view = lamp(), scene.camera.data
@@ -219,9 +219,8 @@ for name in ("plain", "settings", "others", "mirrored"):
         scene.camera.scale.x = -1
     elif name == "others":
         floor(glassy)
-        squeezed = bpy.data.objects.new("squeezed", None)
+        squeezed = put(None, name="squeezed")
         squeezed.scale = 1, 2, 1
-        scene.collection.objects.link(squeezed)
         scene.camera.parent, scene.camera.rotation_euler.z, scene.camera.location.z = squeezed, 0.3, 0.5
         extra, second = bpy.data.collections.new("extra"), scene.view_layers.new("second")
         scene.collection.children.link(extra)
@@ -230,7 +229,7 @@ for name in ("plain", "settings", "others", "mirrored"):
         second.layer_collection.children["extra"].exclude, layer.use = True, False
         scene.render.use_multiview = True
         bpy.ops.object.grease_pencil_add(type="MONKEY")
-    bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/{name}.blend")
+    save(sys.argv[1], name)
 """
 
 

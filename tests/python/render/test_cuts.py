@@ -10,32 +10,26 @@ from support import in_bpy, pecs_blender
 MAKE = """
 import sys
 import bpy
+from pecs_lab.blend import floor, put, save, start
 folder = sys.argv[1]
-bpy.ops.wm.read_factory_settings(use_empty=True)
-scene = bpy.context.scene
-scene.render.engine, scene.render.fps, scene.frame_end = "CYCLES", 10, 10
-scene.render.resolution_x, scene.render.resolution_y = 24, 16
-lamp = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-scene.collection.objects.link(lamp)
+scene = start((24, 16))
+bpy.data.objects.remove(scene.camera)
+scene.render.engine, scene.render.fps = "CYCLES", 10
+put(bpy.data.lights.new("sun", "SUN"))
 for name, x, grey in (("A", 0, 0.8), ("B", 20, 0.05)):
-    bpy.ops.mesh.primitive_plane_add(size=10, location=(x, 0, 0))
-    plane = bpy.context.object
     material = bpy.data.materials.new(name)
     material.use_nodes = False
     material.diffuse_color = (grey, grey, grey, 1)
-    plane.name = "under " + name
-    plane.data.materials.append(material)
-    camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-    camera.location = (x, 0, 8)
-    scene.collection.objects.link(camera)
+    floor(material, 10, (x, 0, 0)).name = "under " + name
+    put(bpy.data.cameras.new(name), (x, 0, 8))
 for name in "AB":
     scene.camera = bpy.data.objects[name]
-    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend", copy=True)
+    save(folder, name)
 for name, frame in (("A", 1), ("B", 5)):
     scene.timeline_markers.new(name, frame=frame).camera = bpy.data.objects[name]
-bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/cut.blend", copy=True)
+save(folder, "cut")
 scene.render.frame_map_old = 200  # twice as fast: the cut is at frame 3
-bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/remapped.blend", copy=True)
+save(folder, "remapped")
 """
 LENSES = {"own": (), "lens": ("--lens", "cmount_8mm_f2p8", "--focus", 8)}
 COMMON = ("--fps", 10, "--frames", "all", "--bands", 1, "--samples", 4)

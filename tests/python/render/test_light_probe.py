@@ -14,36 +14,18 @@ pytest.importorskip("bpy")
 SCENES = """
 import sys
 import bpy
+from pecs_lab import blend
 
 def scene(reflects, energy, file, world=0.0):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = 32, 24
-    bpy.ops.mesh.primitive_plane_add(size=20)
-    material = bpy.data.materials.new("floor")
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
+    scene = blend.start((32, 24), (0, 0, 5), 0)
+    scene.camera.data.dof.aperture_fstop = 4
     kind, colour = reflects
-    shader, out = tree.nodes.new(kind), tree.nodes.new("ShaderNodeOutputMaterial")
-    shader.inputs["Color"].default_value = (*colour, 1)
-    if "Roughness" in shader.inputs:
-        shader.inputs["Roughness"].default_value = 0
-    tree.links.new(shader.outputs[0], out.inputs[0])
-    bpy.context.object.data.materials.append(material)
-    sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle = energy, 0.01
-    scene.collection.objects.link(bpy.data.objects.new("sun", sun))
+    values = {"Color": (*colour, 1), "Roughness": 0}
+    blend.floor(blend.material("floor", (kind, values))[0], 20)
+    blend.lamp("SUN", (1, 1, 1), energy).angle = 0.01
     if world:
-        scene.world = bpy.data.worlds.new("sky")
-        scene.world.use_nodes = True
-        scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (world, world, world, 1)
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location = (0, 0, 5)
-    camera.data.dof.aperture_fstop = 4
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/{file}.blend")
+        blend.world("sky", (world, world, world, 1))
+    blend.save(sys.argv[1], file)
 
 scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sun")
 scene(("ShaderNodeBsdfDiffuse", (0.4, 0.2, 0.1)), 5.0, "sky", 0.2)
@@ -55,22 +37,15 @@ for x in range(-4, 5):
     for y in range(-3, 4):
         bpy.ops.mesh.primitive_uv_sphere_add(radius=0.3, location=(x / 2, y / 2, 0.4), segments=12, ring_count=8)
         bpy.context.object.data.materials.append(bpy.data.materials["floor"])
-bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/noisy.blend")
+blend.save(sys.argv[1], "noisy")
 
 # A bright square slides over a dark floor: 2 units in 9 frames, seen from 5.
 scene(("ShaderNodeBsdfDiffuse", (0.1, 0.1, 0.1)), 5.0, "slide")
 bright = bpy.data.materials["floor"].copy()
 bright.node_tree.nodes["Diffuse BSDF"].inputs["Color"].default_value = (0.8, 0.8, 0.8, 1)
-bpy.ops.mesh.primitive_plane_add(size=1, location=(-1, 0, 0.001))
-square = bpy.context.object
-square.data.materials.append(bright)
-for frame, x in ((1, -1), (10, 1)):
-    square.location.x = x
-    square.keyframe_insert("location", frame=frame)
-for curve in square.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
-    for point in curve.keyframe_points:
-        point.interpolation = "LINEAR"
-bpy.ops.wm.save_as_mainfile(filepath=f"{sys.argv[1]}/slide.blend")
+square = blend.floor(bright, 1, (-1, 0, 0.001))
+blend.move(square, "location", [(-1, 0, 0.001), (1, 0, 0.001)], (1, 10))
+blend.save(sys.argv[1], "slide")
 """
 
 

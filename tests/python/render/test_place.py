@@ -11,33 +11,30 @@ FILES = """
 import sys
 import bpy
 import numpy as np
-from support import blend_parts
+from pecs_lab import blend
 folder = sys.argv[1]
-scene = blend_parts.start()
-blend_parts.lamp("SUN", (1, 1, 1), 3)
-bpy.ops.wm.save_as_mainfile(filepath=folder + "/scene.blend")
+scene = blend.start()
+blend.lamp("SUN", (1, 1, 1), 3)
+blend.save(folder, "scene")
 for name, uv in (("cube", True), ("plain", False)):
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.mesh.primitive_cube_add(size=3, location=(5, 1, 2))
-    cube = bpy.context.object
+    cube = blend.box(None, (5, 1, 2), 3)
     if not uv:
         cube.data.uv_layers.remove(cube.data.uv_layers[0])
-    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
+    blend.save(folder, name)
 for name in ("material", "shape"):
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.mesh.primitive_cube_add()
-    cube, code = bpy.context.object, f"open({folder!r} + '/ran', 'w').close() or 1"
+    cube, code = blend.box(), f"open({folder!r} + '/ran', 'w').close() or 1"
     if name == "shape":
         driven, key = [cube.shape_key_add(name=one) for one in "ab"][1], "value"
     else:
-        material = bpy.data.materials.new(name)
-        material.use_nodes = True
+        material, tree, _ = blend.material(name, ("ShaderNodeBsdfPrincipled", {}))
         cube.data.materials.append(material)
-        driven, key = material.node_tree.nodes["Principled BSDF"].inputs["Roughness"], "default_value"
+        driven, key = tree.nodes["Principled BSDF"].inputs["Roughness"], "default_value"
     driven.driver_add(key).driver.expression = code
-    bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{name}.blend")
+    blend.save(folder, name)
 bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.wm.save_as_mainfile(filepath=folder + "/empty.blend")
+blend.save(folder, "empty")
 image = bpy.data.images.new("red", 4, 4)
 image.pixels.foreach_set(np.tile(np.float32([0.8, 0.02, 0.02, 1]), 16))
 image.filepath_raw, image.file_format = folder + "/red.png", "PNG"
@@ -137,17 +134,15 @@ def test_python_of_a_placed_file_is_refused(files, tmp_path, name):
 MODELS = """
 import sys
 import bpy
-from support import blend_parts
+from pecs_lab import blend
 folder = sys.argv[1]
-blend_parts.start()
-bpy.ops.mesh.primitive_cube_add(size=1)
-thing = bpy.context.object
-thing.scale = (1, 0.4, 2)
+blend.start()
 red = {"Base Color": (0.8, 0.02, 0.02, 1)}
-thing.data.materials.append(blend_parts.material("red", ("ShaderNodeBsdfPrincipled", red))[0])
-blend_parts.lamp("SUN", (1, 1, 1), 50)  # comes with some of the files, and stays out
+thing = blend.box(blend.material("red", ("ShaderNodeBsdfPrincipled", red))[0], size=1)
+thing.scale = (1, 0.4, 2)
+blend.lamp("SUN", (1, 1, 1), 50)  # comes with some of the files, and stays out
 bpy.ops.object.transform_apply(scale=True)
-bpy.ops.wm.save_as_mainfile(filepath=folder + "/thing.blend")
+blend.save(folder, "thing")
 bpy.ops.wm.obj_export(filepath=folder + "/thing.obj")
 bpy.ops.wm.ply_export(filepath=folder + "/thing.ply", up_axis="Z", forward_axis="Y")
 bpy.ops.export_scene.gltf(filepath=folder + "/thing.glb", export_lights=True, export_cameras=True)
@@ -270,14 +265,12 @@ SKIES = """
 import sys
 import bpy
 import numpy as np
-from support import blend_parts
+from pecs_lab import blend
 folder = sys.argv[1]
-scene = blend_parts.start()
-bpy.ops.mesh.primitive_plane_add(size=1000)
-material, _, _ = blend_parts.material("grey", ("ShaderNodeBsdfDiffuse", {"Color": blend_parts.GREY}))
-bpy.context.object.data.materials.append(material)
+scene = blend.start()
+blend.floor(blend.material("grey", ("ShaderNodeBsdfDiffuse", {"Color": blend.GREY}))[0], 1000)
 scene.camera.location.z, scene.camera.rotation_euler = 2, (0.3, 0, 0)
-bpy.ops.wm.save_as_mainfile(filepath=folder + "/floor.blend")
+blend.save(folder, "floor")
 for name, size, below in (("sky", (64, 32), False), ("dark", (64, 32), True), ("square", (32, 32), False)):
     pixels = np.zeros((*size[::-1], 4), np.float32)
     pixels[: size[1] // 2 if below else None] = 0.2, 0.3, 0.4, 1

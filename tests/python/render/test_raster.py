@@ -8,36 +8,20 @@ import pytest
 from support import in_bpy, pecs_blender
 
 SCENE = """
-import bpy, math, sys
-bpy.ops.wm.read_factory_settings(use_empty=True)
+import bpy, sys
+from pecs_lab.blend import ball, floor, material, start
 
-def paint(colour):
-    material = bpy.data.materials.new("paint")
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    shader, end = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
-    shader.inputs["Color"].default_value = colour
-    material.node_tree.links.new(shader.outputs[0], end.inputs[0])
-    bpy.context.object.data.materials.append(material)
-
-bpy.ops.mesh.primitive_plane_add(size=8)
-paint((0.5, 0.5, 0.5, 1))
-bpy.ops.mesh.primitive_uv_sphere_add(radius=0.5, location=(0, 0, 0.5), segments=96, ring_count=48)
-paint((0.6, 0.1, 0.05, 1))
+scene = start((64, 48), (0, -3, 2), 60)
+grey, red = (material("paint", ("ShaderNodeBsdfDiffuse", {"Color": (*c, 1)}))[0]
+             for c in ((0.5, 0.5, 0.5), (0.6, 0.1, 0.05)))
+floor(grey)
+ball(red, (0, 0, 0.5), 0.5, segments=96)
 bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
 bpy.context.object.data.energy = 2
 bpy.ops.object.light_add(type="POINT", location=(1.5, -1, 2))
 bpy.context.object.data.energy = 60
-bpy.ops.mesh.primitive_plane_add(size=0.1, location=(0, 0, -9))
-glow = bpy.data.materials.new("glow")
-glow.use_nodes = True
-glow.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 0.1
-bpy.context.object.data.materials.append(glow)
-bpy.ops.object.camera_add(location=(0, -3, 2), rotation=(math.radians(60), 0, 0))
-scene = bpy.context.scene
-scene.camera, scene.cycles.max_bounces = bpy.context.object, 0
-scene.render.resolution_x, scene.render.resolution_y = 64, 48
+floor(material("glow", ("ShaderNodeBsdfPrincipled", {"Emission Strength": 0.1}))[0], 0.1, (0, 0, -9))
+scene.cycles.max_bounces = 0
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 LAYERS = ("depth", "normal")

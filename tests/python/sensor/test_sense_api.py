@@ -10,7 +10,9 @@ import numpy as np
 import pecs
 import pytest
 from pecs._options import SenseOptions
-from support.small_stacks import BAND, write
+from support.small_stacks import write
+
+BAND = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
 
 
 def test_the_program_gives_the_same(tmp_path, pecs_program):

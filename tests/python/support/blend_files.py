@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import bpy
-
-from support.blend_parts import BLUE, GREEN, GREY, RED, ball, floor, lamp, material, start
+from pecs_lab import blend
+from pecs_lab.blend import BLUE, GREEN, GREY, RED, ball, floor, lamp, material, put
 
 
 def closures():
@@ -110,17 +110,9 @@ def volumes():
                                               "Emission Coefficients": (0.5, 0.2, 0.1)}),
         ]
     ):  # fmt: skip
-        m, tree, out = material(f"v{i}")
-        node = tree.nodes.new(kind)
-        for key, value in values.items():
-            node.inputs[key].default_value = value
-        tree.links.new(node.outputs[0], out.inputs["Volume"])
-        ball(m, (-1.5 + i, 0, 0.6), 0.45)
+        ball(material(f"v{i}", (kind, values), end="Volume")[0], (-1.5 + i, 0, 0.6), 0.45)
     floor()
-    world = bpy.data.worlds.new("haze")
-    world.use_nodes = True
-    bpy.context.scene.world = world
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = BLUE
+    blend.world("haze", BLUE)
 
 
 def emission():
@@ -135,13 +127,10 @@ def emission():
     tree.links.new(wave.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Emission Color"])
     ball(m, (1, 0, 0.5), 0.4)
     floor()
-    world = bpy.data.worlds.new("sky")
-    world.use_nodes = True
-    bpy.context.scene.world = world
-    sky = world.node_tree.nodes.new("ShaderNodeTexSky")
+    tree = blend.world("sky", strength=0.2)
+    sky = tree.nodes.new("ShaderNodeTexSky")
     sky.sun_disc = False
-    world.node_tree.links.new(sky.outputs[0], world.node_tree.nodes["Background"].inputs["Color"])
-    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.2
+    tree.links.new(sky.outputs[0], tree.nodes["Background"].inputs["Color"])
 
 
 def temperatures():
@@ -159,13 +148,9 @@ def spectra():
     """Not one of the ten: a material, an emitter and a world that name spectra, and a glass."""
     wall, _, _ = material("wall", ("ShaderNodeBsdfDiffuse", {"Color": RED}))
     wall["pecs_reflectance"] = "colorchecker/blue"
-    bpy.ops.mesh.primitive_plane_add(size=40, location=(0, 3, 0), rotation=(math.radians(90), 0, 0))
-    bpy.context.object.data.materials.append(wall)
-    world = bpy.data.worlds.new("white")
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (1, 1, 1, 1)
-    world["pecs_spectrum"] = "a"
-    bpy.context.scene.world = world
+    floor(wall, 40, (0, 3, 0), (90, 0, 0))
+    blend.world("white", (1, 1, 1, 1))
+    bpy.context.scene.world["pecs_spectrum"] = "a"
 
 
 def python_driver():
@@ -201,14 +186,11 @@ def hair():
         m, _, _ = material(f"hair{i}", (kind, {"Color": RED}))
         if i == 0:
             curve.materials.append(m)
-    thing = bpy.data.objects.new("hair", curve)
-    bpy.context.scene.collection.objects.link(thing)
     other = curve.copy()
     other.materials.clear()
     other.materials.append(m)
-    thing = bpy.data.objects.new("hair2", other)
-    thing.location = (0, 0.5, 0)
-    bpy.context.scene.collection.objects.link(thing)
+    put(curve)
+    put(other, (0, 0.5, 0), name="hair2")
     floor()
 
 
@@ -223,10 +205,8 @@ def instances():
     collection = bpy.data.collections.new("many")
     collection.objects.link(thing)
     for i in range(4):
-        empty = bpy.data.objects.new(f"instance{i}", None)
+        empty = put(None, (-1.5 + i, 0.5, 0), name=f"instance{i}")
         empty.instance_type, empty.instance_collection = "COLLECTION", collection
-        empty.location = (-1.5 + i, 0.5, 0)
-        bpy.context.scene.collection.objects.link(empty)
     floor(material("floor", ("ShaderNodeBsdfDiffuse", {"Color": GREEN}))[0])
 
 
@@ -277,10 +257,7 @@ def _animated_things():
     m, tree, _ = material("moving", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))
     plain = bpy.data.materials.new("no nodes")
     plain.use_nodes = False
-    sky = bpy.data.worlds.new("sky")
-    sky.use_nodes = True
-    bpy.context.scene.world = sky
-    background = sky.node_tree.nodes["Background"].inputs["Color"]
+    sky = blend.world("sky")
     thing = ball(m)
     thing.shape_key_add(name="rest")
     key = thing.shape_key_add(name="tall")
@@ -291,7 +268,7 @@ def _animated_things():
         ("LIGHT", light, "color", ((1, 0, 0), (0, 1, 1))),
         ("NODETREE", tree, (tree.nodes["Diffuse BSDF"].inputs["Color"], "default_value"), (GREY, GREEN)),
         ("MATERIAL", plain, "diffuse_color", (GREY, RED)),
-        ("NODETREE", sky.node_tree, (background, "default_value"), (GREY, BLUE)),
+        ("NODETREE", sky, (sky.nodes["Background"].inputs["Color"], "default_value"), (GREY, BLUE)),
         ("KEY", thing.data.shape_keys, (key, "value"), (0.0, 1.0)),
     ]
 
@@ -327,12 +304,10 @@ def world():
     image = bpy.data.images.new("sky", 16, 8, float_buffer=True)
     image.pixels = [v for i in range(128) for v in (i % 16 / 8, 0.3, 1 - i / 128, 1)]
     image.pack()
-    w = bpy.data.worlds.new("env")
-    w.use_nodes = True
-    node = w.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    tree = blend.world("env")
+    node = tree.nodes.new("ShaderNodeTexEnvironment")
     node.image = image
-    w.node_tree.links.new(node.outputs[0], w.node_tree.nodes["Background"].inputs["Color"])
-    bpy.context.scene.world = w
+    tree.links.new(node.outputs[0], tree.nodes["Background"].inputs["Color"])
     ball(material("mirror", ("ShaderNodeBsdfAnisotropic", {"Color": GREY, "Roughness": 0.1}))[0])
     floor(material("matte", ("ShaderNodeBsdfDiffuse", {"Color": RED}))[0])
     other = bpy.data.scenes.new("../other/scene")  # a name that is a path
@@ -360,18 +335,11 @@ def measured(unit_m=1.0):
     camera.location, camera.rotation_euler = (0, 0, 0), (math.radians(90), 0, 0)
     camera.data.lens, camera.data.sensor_width, camera.data.shift_x = 40, 36, 0.05
     camera.data.dof.use_dof, camera.data.dof.focus_distance, camera.data.dof.aperture_fstop = True, 3 / unit_m, 1.0
-    (x, y, z), turn_deg = PLANE
-    location = tuple(v / unit_m for v in (x, y, z))
-    bpy.ops.mesh.primitive_plane_add(
-        size=4 / unit_m, location=location, rotation=(math.radians(90), 0, math.radians(turn_deg))
-    )
-    bpy.ops.mesh.primitive_uv_sphere_add(
-        radius=BALL_RADIUS / unit_m, location=tuple(v / unit_m for v in BALL), segments=256, ring_count=128
-    )
-    thing = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
-    thing.data.energy, thing.data.shadow_soft_size = 100, 0.1 / unit_m
-    thing.location = (1 / unit_m, 0, 1 / unit_m)
-    scene.collection.objects.link(thing)
+    location, turn_deg = PLANE
+    floor(None, 4 / unit_m, [v / unit_m for v in location], (90, 0, turn_deg))
+    ball(None, [v / unit_m for v in BALL], BALL_RADIUS / unit_m, segments=256)
+    light = lamp("POINT", (1, 1, 1), 100, (1 / unit_m, 0, 1 / unit_m))
+    light.shadow_soft_size = 0.1 / unit_m
     scene.cycles.diffuse_bounces = 0
 
 
@@ -391,9 +359,9 @@ def main(folder, *names):
     for make in FILES + OTHERS:
         if names and make.__name__ not in names:
             continue
-        start()
+        blend.start()
         make()
-        bpy.ops.wm.save_as_mainfile(filepath=str(LIBRARY / f"{make.__name__}.blend"), compress=False, copy=False)
+        blend.save(LIBRARY, make.__name__)
 
 
 if __name__ == "__main__":

@@ -2,33 +2,20 @@
 seconds; frame 1 is t = 0. The camera is a pinhole at the origin that looks along +y."""
 
 import math
-import sys
-from pathlib import Path
 
 import bpy
+from pecs_lab import blend
+from pecs_lab.blend import instance_on_points, material, move, put
 
 SIZE = 64, 36
 
 
 def start(unit_m=1.0):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = SIZE
-    scene.render.fps, scene.frame_end = 1, 10
+    scene = blend.start(SIZE, (0, 0, 0), 90, focal_mm=36.0)  # focal length: the picture's width
+    scene.render.fps = 1
     scene.unit_settings.scale_length = unit_m
-    camera = put(bpy.data.cameras.new("camera"), (0, 0, 0), (90, 0, 0))
-    camera.data.lens, camera.data.sensor_width = 36.0, 36.0  # focal length: the picture's width
-    scene.camera = camera
-    light = put(bpy.data.lights.new("lamp", "POINT"), (1, -1, 2))
-    light.data.energy = 300
+    blend.lamp("POINT", (1, 1, 1), 300, (1, -1, 2))
     return scene
-
-
-def put(data, location=(0, 0, 0), rotation_deg=(0, 0, 0), name=None):
-    thing = bpy.data.objects.new(name or data.name, data)
-    thing.location, thing.rotation_euler = location, [math.radians(a) for a in rotation_deg]
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
 
 
 def grid(name, size, n=1, distance=0.0):
@@ -43,23 +30,6 @@ def grid(name, size, n=1, distance=0.0):
         [(j * row + i, j * row + i + 1, (j + 1) * row + i + 1, (j + 1) * row + i) for j in range(n) for i in range(n)],
     )
     return mesh
-
-
-def move(thing, path, values, frames=(1, 2)):
-    """Keyframes with straight lines between and beyond."""
-    for frame, value in zip(frames, values, strict=True):
-        setattr(thing, path, value)
-        thing.keyframe_insert(path, frame=frame)
-    animation = getattr(thing, "animation_data", None) or thing.id_data.animation_data
-    action = animation.action
-    for layer in action.layers:
-        for strip in layer.strips:
-            for bag in strip.channelbags:
-                for curve in bag.fcurves:
-                    curve.extrapolation = "LINEAR"
-                    for point in curve.keyframe_points:
-                        point.interpolation = "LINEAR"
-    bpy.context.scene.frame_set(1)
 
 
 def rigid(unit_m=1.0):
@@ -120,20 +90,6 @@ def instances():
     move(holder, "location", [(0, 4, -0.7), (0.15, 4, -0.75)])
 
 
-def instance_on_points(holder, what):
-    """Geometry nodes that put an object on each of the holder's points."""
-    group = bpy.data.node_groups.new("instances", "GeometryNodeTree")
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    enter, leave = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    on_points, info = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
-    info.inputs["Object"].default_value = what
-    group.links.new(enter.outputs[0], on_points.inputs["Points"])
-    group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
-    group.links.new(on_points.outputs["Instances"], leave.inputs[0])
-    holder.modifiers.new("instances", "NODES").node_group = group
-
-
 def vanishing():
     """The nearer of two squares is hidden from frame 2 on."""
     start()
@@ -170,16 +126,11 @@ def fog():
     put(grid("wall", 4), (0, 8, 0))
     move(put(grid("square", 1), (0, 4, 0)), "location", [(0, 4, 0), (0.2, 4, 0)])
     for name, distance, kind in (("fog", 2, "VolumeScatter"), ("pane", 1, "BsdfTransparent")):
-        material = bpy.data.materials.new(name)
-        material.use_nodes = True
-        tree = material.node_tree
-        tree.nodes.clear()
-        shader, output = tree.nodes.new(f"ShaderNode{kind}"), tree.nodes.new("ShaderNodeOutputMaterial")
-        tree.links.new(shader.outputs[0], output.inputs["Volume" if kind.startswith("Volume") else "Surface"])
         mesh = grid(name, 3)
-        mesh.materials.append(material)
+        volume = kind.startswith("Volume")
+        mesh.materials.append(material(name, (f"ShaderNode{kind}", {}), end="Volume" if volume else "Surface")[0])
         thing = put(mesh, (0, distance, 0))
-        if name == "fog":
+        if volume:
             thing.modifiers.new("thick", "SOLIDIFY").thickness = 0.5
         move(thing, "location", [(0, distance, 0), (0.5, distance, 0)])
 
@@ -192,8 +143,7 @@ def holes():
     move(wall, "location", [(0, 8, 0), (0.5, 8, 0)])
     plate = put(grid("plate", 4, 2), (0, 4, 0))
     texture, clear = bpy.data.materials.new("holes"), bpy.data.materials.new("clear")
-    for material in (texture, clear):
-        material.use_nodes = True
+    texture.use_nodes = clear.use_nodes = True
     nodes, links = texture.node_tree.nodes, texture.node_tree.links
     checker, ramp, mapping, place = (
         nodes.new(f"ShaderNode{k}") for k in ("TexChecker", "ValToRGB", "Mapping", "TexCoord")
@@ -209,8 +159,8 @@ def holes():
     links.new(ramp.outputs["Color"], reroute.inputs[0])
     links.new(reroute.outputs[0], nodes["Principled BSDF"].inputs["Alpha"])
     clear.node_tree.nodes["Principled BSDF"].inputs["Alpha"].default_value = 0.2
-    for material in (texture, clear):
-        plate.data.materials.append(material)
+    for one in (texture, clear):
+        plate.data.materials.append(one)
     plate.data.polygons[3].material_index = 1  # at the upper right
 
 
@@ -264,13 +214,7 @@ def deforming():
     scene.frame_set(1)
 
 
-SCENES = {
-    f.__name__: f
-    for f in (rigid, centimetres, travel, led, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
-}
+SCENES = (rigid, centimetres, travel, led, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
 
 if __name__ == "__main__":
-    folder, *names = sys.argv[1:]
-    for name in names or SCENES:
-        SCENES[name]()
-        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder) / f"{name}.blend"))
+    blend.write(SCENES)

@@ -2,12 +2,13 @@
 `python blend_things.py --cryptomatte FILE.blend OUT.npz`: Cycles' own masks of its first frame."""
 
 import sys
-from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs_lab import blend
+from pecs_lab.blend import instance_on_points, move, put
 
-from support.blend_motion import grid, instance_on_points, move, put, start
+from support.blend_motion import grid, start
 
 SIZE = 160, 120
 
@@ -20,13 +21,10 @@ def cube(name, size=1.0):
     return mesh
 
 
-def ball(name, radius, segments=192):
-    """Shaded smooth."""
-    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, segments=segments, ring_count=segments // 2)
-    thing = bpy.context.object
+def ball(name, radius):
+    thing = blend.ball(None, (0, 0, 0), radius, segments=192, smooth=True)
     mesh = thing.data
     mesh.name = name
-    mesh.polygons.foreach_set("use_smooth", [True] * len(mesh.polygons))
     bpy.data.objects.remove(thing)
     return mesh
 
@@ -137,9 +135,6 @@ def blank_class():
     into(collection("all", pecs_class=" "), put(cube("thing"), (0, 4, 0)))
 
 
-SCENES = {f.__name__: f for f in (things, alone, centimetres, twins, bad_class, blank_class)}
-
-
 def cryptomatte(blend, out):
     from pecs_blender.scene import cycles
 
@@ -157,7 +152,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "--cryptomatte":
         cryptomatte(*sys.argv[2:])
         sys.exit()
-    folder, *names = sys.argv[1:]
-    for name in names or SCENES:
-        SCENES[name]()
-        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder) / f"{name}.blend"))
+    blend.write((things, alone, centimetres, twins, bad_class, blank_class))

@@ -2,6 +2,7 @@
 
 import os
 import stat
+import subprocess
 
 import numpy as np
 import pytest
@@ -25,6 +26,18 @@ def device(path, major, minor):
     except OSError:
         pytest.skip("no device may be made and opened here")
     return path
+
+
+def mounted(folder, size_kb):
+    """Yields the folder, mounted as a small disk."""
+    folder.mkdir()
+    if os.geteuid() != 0:
+        pytest.skip("needs root to mount a small file system")
+    command = ["mount", "-t", "tmpfs", "-o", f"size={size_kb}k", "pecs", folder]
+    if subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("no file system may be mounted here")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
 
 
 def fill(disk, free=0):

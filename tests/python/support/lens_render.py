@@ -13,13 +13,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from pecs_lab import blend
 
 
 def set_camera(scene, osl, job, folder):
     data = bpy.data.cameras.new("camera")
-    camera = bpy.data.objects.new("camera", data)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
+    scene.camera = blend.put(data)
     data.clip_start, data.clip_end = 1e-6, 1e5
     if osl is None:
         data.angle = math.radians(job["hfov_deg"])
@@ -36,25 +35,12 @@ def set_camera(scene, osl, job, folder):
         pass
 
 
-def emission(name, colour, strength):
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    node, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
-    node.inputs["Color"].default_value, node.inputs["Strength"].default_value = (*colour, 1), strength
-    material.node_tree.links.new(node.outputs[0], output.inputs[0])
-    return material
+def emission(name, colour):
+    return blend.material(name, ("ShaderNodeEmission", {"Color": (*colour, 1), "Strength": 1.0}))[0]
 
 
 def build(scene, job):
-    world = bpy.data.worlds.new("world")
-    scene.world = world
-    world.use_nodes = True
-    background = world.node_tree.nodes["Background"]
-    white = job["scene"] == "white"
-    background.inputs["Color"].default_value = (1, 1, 1, 1) if white else (0, 0, 0, 1)
-    background.inputs["Strength"].default_value = 1.0
+    blend.world("world", (1, 1, 1, 1) if job["scene"] == "white" else (0, 0, 0, 1), 1.0)
     if job["scene"] == "corner":  # red to the upper right, green to the lower left, blue on the right
         distance, size = 2.0, 0.08
         for name, x, y, colour in (
@@ -62,17 +48,14 @@ def build(scene, job):
             ("b", -0.3, -0.1, (0, 1, 0)),
             ("c", 0.25, -0.02, (0, 0, 1)),
         ):
-            bpy.ops.mesh.primitive_plane_add(size=size, location=(x, y, -distance))
-            bpy.context.object.data.materials.append(emission(name, colour, 1.0))
+            blend.floor(emission(name, colour), size, (x, y, -distance))
     if job["scene"] == "dots":  # discs at [x, y, distance], facing the camera
-        white = emission("dot", (1, 1, 1), 1.0)
+        white = emission("dot", (1, 1, 1))
         bpy.ops.mesh.primitive_circle_add(vertices=48, radius=job["dot_radius"], fill_type="NGON")
         disc = bpy.context.object
         disc.data.materials.append(white)
         for x, y, z in job["dots"]:
-            copy = bpy.data.objects.new("dot", disc.data)
-            copy.location = (x, y, -z)
-            scene.collection.objects.link(copy)
+            blend.put(disc.data, (x, y, -z))
         bpy.data.objects.remove(disc)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from pecs_blender import ui
 from pecs_blender.ui import background, checks, event_operators, event_view, frustum, panel, paths, settings
 from pecs_blender.ui.interface import AUTO
+from pecs_lab.blend import ball, floor, lamp, material, start
 
-from support.blend_parts import ball, floor, lamp, material, start
 from support.panel_widths import cut
 
 WIDTH, HEIGHT = 32, 18

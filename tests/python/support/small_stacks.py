@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 from pecs.stack import StackWriter
+from pecs_lab.scenes import stack_json
 
 W, H, N = 40, 30, 24
-BAND = [{"lambda_nm": 550.0, "weight_nm": 100.0}]
-
-
-def stack_json(width, height, times_ns, **more):
-    """The content of a stack.json of irradiance in one band; `more` replaces entries."""
-    stack = {"pecs_stack": 1, "quantity": "irradiance", "width": width, "height": height, "pixel_pitch_m": 4.86e-6}
-    stack |= {"bands": BAND, "times_ns": times_ns, "period_ns": None, "lens": None}
-    return stack | {"scene": {}, "render": {}, "versions": {}} | more
 
 
 def write(folder, frames=N, level=1e-6, change=None, size=(H, W), **more):

@@ -26,7 +26,7 @@ class NpyFile {
   std::size_t count_ = 0;
 };
 
-// Records t, x, y, p and stage (the numbers of Stage).
+// Records t, x, y, p and stage (the numbers of Stage) of what a stage after the readout dropped.
 class DroppedFile {
  public:
   // Throws usage if no stage drops events.

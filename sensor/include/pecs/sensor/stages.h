@@ -73,10 +73,10 @@ class EventStages {
   // Throws bad_input for a mask or window beyond the picture.
   EventStages(const StageOptions& options, int width, int height);
   ~EventStages();
-  // Removes the events of pixels that are off.
-  void before_readout(LabelledEvents& events);
-  // Removes the events that a stage drops, and appends them to `dropped` if it is given. With ERC, holds the events of
-  // the last period until the next begins or `last`. Throws bad_input for events outside the picture.
+  // Both remove the events that a stage drops, and append them to `dropped` if it is given.
+  void before_readout(LabelledEvents& events, std::vector<DroppedEvent>* dropped = nullptr);
+  // With ERC, holds the events of the last period until the next begins or `last`. Throws bad_input for events outside
+  // the picture.
   void after_readout(LabelledEvents& events, bool last, std::vector<DroppedEvent>* dropped = nullptr);
   const StageCounts& counts() const { return counts_; }
 
