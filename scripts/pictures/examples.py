@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""The pictures of examples/: what each script and notebook makes.
+"""The pictures of examples/: what each script and notebook makes, and that of docs/start/first_events.md.
 
-scripts/pictures/examples.py
+MUJOCO_GL=egl scripts/pictures/examples.py
 """
 
 import importlib.util
@@ -20,12 +20,12 @@ from figures import OFF, ON, ROOT, plt, save
 EXAMPLES = ROOT / "examples"
 
 
-def sheet(name: str, output: str, *options: str) -> None:
+def sheet(name: str, output: str, *options: str, to: Path = Path("picture.png")) -> None:
     """The events that a script writes, as `pecs view` draws them."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, EXAMPLES / name / f"{name}.py", output], cwd=folder, check=True)
         subprocess.run([pecs.program(), "view", output, "-o", "picture.png", *options], cwd=folder, check=True)
-        shutil.copy(Path(folder, "picture.png"), EXAMPLES / name)
+        shutil.copy(Path(folder, "picture.png"), EXAMPLES / name / to)
 
 
 def models() -> None:
@@ -52,6 +52,7 @@ def notebook(path: Path) -> None:
 
 def main() -> None:
     sheet("simulate_frames", "bar.raw", "--count", "2")
+    sheet("simulate_frames", "bar.raw", to=ROOT / "docs/start/first_events.png")
     sheet("stream_frames", "stream.npz", "--count", "2")
     for name, module, output in (("mujoco_camera", "mujoco", "robot.raw"), ("pybullet_hand", "pybullet", "hand.raw")):
         if importlib.util.find_spec(module):

@@ -43,12 +43,10 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
   half_height *= 1.08;
   const double length = focus.film_z_mm, ahead = 0.15 * length, behind = 0.03 * length;
   const double scale = (kWidth - 2 * kMargin) / (length + ahead + behind);
-  const double height = 2 * half_height * scale + 2 * kMargin;
   const auto sx = [&](double z) { return kMargin + (z + ahead) * scale; };
-  const auto sy = [&](double y) { return 0.5 * height - y * scale; };
+  const auto sy = [&](double y) { return kMargin + (half_height - y) * scale; };
 
-  std::string svg =
-      line(kMargin, 0.5 * height, kWidth - kMargin, 0.5 * height, "stroke=\"#999\" stroke-dasharray=\"8 3 2 3\"");
+  std::string svg = line(kMargin, sy(0), kWidth - kMargin, sy(0), "stroke=\"#999\" stroke-dasharray=\"8 3 2 3\"");
 
   // Glass between two surfaces; both profiles run to their own housing radius, joined by the rim.
   const auto profile = [&](const Surface& s, bool upwards) {
@@ -74,6 +72,7 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
   svg += line(film_x, sy(o.film_half_diagonal_mm), film_x, sy(-o.film_half_diagonal_mm),
               "stroke=\"black\" stroke-width=\"3\"");
 
+  double lowest = -half_height;  // rays come from below
   for (std::size_t w = 0; w < o.bands_nm.size(); ++w) {
     const Tracer tracer(lens, o.bands_nm[w], o.stop_diameter_mm);
     for (std::size_t k = 0; k < o.fields.size(); ++k) {
@@ -81,7 +80,10 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
            ray_fan(tracer, lens.stop, focus.film_z_mm, o.fields[k] * o.film_half_diagonal_mm, o.rays_per_fan, ahead)) {
         std::string points;
         for (const Vec3& p : line)
-          if (std::abs(p.x) <= 1.5 * half_height) points += fmt::format("{:.2f},{:.2f} ", sx(p.z), sy(p.x));
+          if (std::abs(p.x) <= 1.5 * half_height) {
+            points += fmt::format("{:.2f},{:.2f} ", sx(p.z), sy(p.x));
+            lowest = std::min(lowest, p.x);
+          }
         svg += fmt::format(
             "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"0.7\" stroke-dasharray=\"{}\"/>\n",
             points, kColours[k % 6], kDashes[w % 4]);
@@ -92,6 +94,7 @@ Section draw_section(const Prescription& lens, const DrawOptions& o) {
   for (const double f : o.fields)
     fields += fmt::format("{}{:.3g} mm", fields.empty() ? "" : ", ", f * o.film_half_diagonal_mm);
   for (const double b : o.bands_nm) bands += fmt::format("{}{:.4g}", bands.empty() ? "" : ", ", b);
+  const double height = sy(lowest) + kMargin;
   svg += label(kMargin, height + 8,
                fmt::format("{} — film points {}; {} nm; stop {:.3g} mm; focus {}", lens.name, fields, bands, 2 * stop_r,
                            o.focus_m ? fmt::format("{:g} m", *o.focus_m) : "infinity"));

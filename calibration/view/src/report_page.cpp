@@ -253,8 +253,10 @@ void add_lens(Json& page, const ReportInputs& inputs, const Stack* stack) {
   }
   const Json lens = stack ? member(stack->json, "lens") : Json();
   page.push_back(lens.is_object() ? table({}, rows_of(lens), "noted")
-                 : stack          ? missing("The stack was rendered through a pinhole.")
-                                  : missing("No stack was given, so the lens it was rendered through is unknown."));
+                 : !stack         ? missing("No stack was given, so the lens it was rendered through is unknown.")
+                 : stack->reader.info().quantity == sensor::Quantity::irradiance
+                     ? missing("stack.json names no lens.")
+                     : missing("The stack was rendered through a pinhole."));
 }
 
 void add_bands(Json& page, const Stack* stack, const std::optional<sensor::Chip>& chip) {

@@ -105,14 +105,22 @@ def test_missing_parts_are_said(pecs_program, inputs, given, said):
         assert line in page
 
 
-def report_of_a_stack(pecs_program, folder, times_ns):
+def report_of_a_stack(pecs_program, folder, times_ns, **changes):
     """The page's words about a stack of frames at these times."""
-    stack = json.loads((folder / "stack/stack.json").read_text()) | {"times_ns": times_ns}
+    stack = json.loads((folder / "stack/stack.json").read_text()) | {"times_ns": times_ns} | changes
     with StackWriter(folder / "timed", stack) as writer:
         for i in range(len(times_ns)):
             writer.write_frame(i, np.ones((2, HEIGHT, WIDTH), np.float32))
     pecs_program("report", "--stack", "timed", "-o", "report.html", cwd=folder, check=True)
     return re.sub(r"\s+", " ", text_of(folder / "report.html"))
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words"),
+    [("irradiance", "stack.json names no lens."), ("radiance", "The stack was rendered through a pinhole.")],
+)
+def test_a_stack_without_a_lens(pecs_program, inputs, quantity, words):
+    assert words in report_of_a_stack(pecs_program, inputs, [0, 1_000_000], lens=None, quantity=quantity)
 
 
 @pytest.mark.parametrize(

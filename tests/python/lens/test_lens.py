@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pecs
@@ -63,6 +64,16 @@ def test_draw(pecs_program, tmp_path):
     assert svg.count("<polygon") == 6  # six elements
     assert svg.count("<polyline") == 3 * 3 * 5  # fields x wavelengths x rays
     assert json.loads((tmp_path / "lens.svg.run.json").read_text())["command"] == "lens draw"
+
+
+@pytest.mark.parametrize("lens", [LENS, "cmount_8mm_f2p8", "fisheye_10mm_f4_muller"])
+def test_the_caption_is_below_all_rays(pecs_program, tmp_path, lens):
+    pecs_program("lens", "draw", lens, "-o", tmp_path / "lens.svg", check=True)
+    svg = (tmp_path / "lens.svg").read_text()
+    drawn = " ".join(re.findall('points="([^"]*)"', svg)).split()
+    lowest = max(float(point.partition(",")[2]) for point in drawn)
+    caption = float(re.search('<text x="[^"]*" y="([^"]*)"', svg)[1])
+    assert lowest + 12 < caption < float(re.search('viewBox="0 0 [0-9]+ ([0-9]+)"', svg)[1])
 
 
 @pytest.mark.parametrize("what", ["draw", "chart", "pupil"])
