@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import PecsInputError, existing, optional_module
+from .._errors import PecsInputError, existing, optional_module, shown
 from .._files import read_text
 from ..events import Events, read
 from ..ros import is_bag, read_bag, read_images
@@ -67,6 +67,10 @@ def load_davis(of: Davis) -> DavisEvents:
         raise PecsInputError(f"{path}: got {got}, wanted frames and events of the same pixels")
     if (np.diff(begin_us) <= 0).any() or (end_us < begin_us).any():
         raise PecsInputError(f"{path}: got frames whose times do not rise, wanted rising ones")
+    first_us, last_us = events["t"].min(), events["t"].max()
+    if end_us[-1] < first_us or begin_us[0] > last_us:
+        got = f"frames from {begin_us[0]:.0f} to {end_us[-1]:.0f} us and events from {first_us} to {last_us} us"
+        raise PecsInputError(f"{path}: got {got}, wanted both at the same time (images.txt has seconds)")
     return DavisEvents(path.name, events, frames, begin_us, end_us)
 
 
@@ -129,7 +133,9 @@ def _images(folder: Path) -> tuple[list[str], Floats]:
 
 
 def _table(file: Path, columns: int) -> Floats:
-    lines = read_text(file, MAX_BYTES).splitlines()[1:]
+    header, *lines = read_text(file, MAX_BYTES).splitlines() or [""]
+    if not all(name.strip().endswith("_us") for name in header.split(",")[1:]):  # another unit, or no header
+        raise PecsInputError(f"{file}: got the header {shown(header)}, wanted frame,begin_us,end_us")
     try:
         table = np.array([[float(v) for v in line.split(",")] for line in lines if line.strip()])
     except ValueError:

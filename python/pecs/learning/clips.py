@@ -98,11 +98,16 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             if min(height, width) < config.crop:
                 got = f"pictures of {width} x {height}"
                 raise PecsInputError(f"clips: got {got}, wanted {config.crop} px each way, or less --crop")
-            steps = max(steps, n - 1)
-            if n > config.windows:
+            interval_us = float(source.times_us[-1] - source.times_us[0]) / max(n - 1, 1)
+            if interval_us > WINDOW_US[1] + 1:
+                wanted = f"{WINDOW_US[1] / 1e3:g} ms or less (fps of the truth)"
+                raise PecsInputError(f"clips: got pictures every {interval_us / 1e3:g} ms, wanted {wanted}")
+            count = (n - 1) // max(1, round(WINDOW_US[0] / max(interval_us, 1)))
+            steps = max(steps, count)
+            if count >= config.windows:
                 self.sources.append(source)
         if not self.sources:
-            got = f"{steps} windows in the longest sequence"
+            got = f"{steps} windows of {WINDOW_US[0] / 1e3:g} ms in the longest sequence"
             raise PecsInputError(f"clips: got {got}, wanted {config.windows}, or less --windows")
 
     def __len__(self) -> int:

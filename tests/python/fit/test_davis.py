@@ -121,15 +121,27 @@ def test_aedat4_of_dv_processing_is_read_as_the_folder(recording, tmp_path):
     assert (read.begin_us == folder.begin_us).all() and (read.end_us == folder.end_us).all()
 
 
+def _shift(path, by_us):
+    events = pecs.read(path)
+    events["t"] += by_us
+    pecs.write(path, events)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda f: (f / "exposures.csv").unlink(), "got no times of frames"),
         (lambda f: (f / "frames/0003.png").unlink(), "got no frame 3"),
         (lambda f: (f / "exposures.csv").write_text("frame,begin_us,end_us\n0,1,x\n"), "got no table of 3 columns"),
+        (lambda f: (f / "exposures.csv").write_text("frame,begin_s,end_s\n0,1,2\n"), 'got the header "frame,begin_s'),
+        (lambda f: (f / "exposures.csv").write_text("0,1,2\n1,3,4\n"), 'got the header "0,1,2", wanted frame,begin'),
         (lambda f: cv2.imwrite(str(f / "frames/0003.png"), COLOURS), "in colours"),
         (lambda f: pecs.write(f / "events.npz", pecs.Events(pecs.read(f / "events.npz")[:0], *SIZE)), "got 0 events"),
         (lambda f: (f / "events.raw").write_bytes(b""), "got 2 files events.*"),
+        (
+            lambda f: _shift(f / "events.npz", 10**9),
+            "frames from 0 to .* us and events from 10",
+        ),
     ],
 )
 def test_what_is_no_recording_with_frames_is_refused(recording, tmp_path, change, message):

@@ -18,7 +18,7 @@ pytest.importorskip("lpips", reason="needs .venv-datasets")
 import lpips
 import onnx
 import torch
-from pecs import PecsError
+from pecs import EVENT_DTYPE, PecsError
 from pecs._files import write_json
 from pecs.datasets.sequence import sequences
 from pecs.learning.clips import Augmentation, ClipConfig, Clips, recordings
@@ -124,6 +124,24 @@ def test_clips_of_slow_pixels():
         np.testing.assert_array_equal(has, within)
         seen += len(has)
     assert seen > 4
+
+
+@pytest.mark.parametrize(
+    ("count", "interval_us", "wanted"),
+    [
+        (101, 50_000, "got pictures every 50 ms, wanted 40 ms or less"),
+        (101, 1_000, "got 10 windows of 10 ms in the longest sequence, wanted 12"),
+        (121, 1_000, None),
+    ],
+)
+def test_windows_of_clips_have_10_to_40_ms(count, interval_us, wanted):
+    source = Procedural(np.zeros(0, EVENT_DTYPE), np.arange(count) * interval_us, np.zeros((count, 16, 16), "u1"), None)
+    if wanted:
+        with pytest.raises(PecsError, match=wanted):
+            Clips([source], ClipConfig(12, 6, 16, None), 5, 1, 1)
+        return
+    (item,) = Clips([source], ClipConfig(12, 6, 16, None), 5, 1, 1)
+    assert float(item["planes"][0, 5, 0, 0]) == pytest.approx(math.log10(10 / 20))
 
 
 def test_faults_of_cameras(trainable):
