@@ -4,7 +4,7 @@ events of 61 bands? A ColorChecker on the rotating disk, and the same disk in gr
 One dense stack (5 nm) per scene is rendered by Cycles; radiance over the lamp is smooth, so single wavelengths are read
 off it as Cycles would render them. Means over bands are rendered. No noise, so what differs is the wavelengths.
 
-    .venv/bin/python scripts/studies/ablation.py out/ablation [--width 64] [--frames 40]
+    .venv/bin/python scripts/studies/ablation.py out/ablation
 
 Writes ablation.json, ablation.md and ablation.png (matplotlib).
 """
@@ -12,7 +12,6 @@ Writes ablation.json, ablation.md and ablation.png (matplotlib).
 import json
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,16 +26,8 @@ MEANS = (1, 3, 6, 12)  # bands
 PLACEMENTS = {"uniform": COUNTS, "gauss": COUNTS, "means": MEANS}
 LIGHT = (10, 30, 60, 80, 100, 120, 140, 160)  # C of Table 3, in % of the light
 LO_NM, HI_NM = 400.0, 700.0
+WIDTH, FRAMES, FPS, LAMP, PHOTOCURRENT_A = 64, 40, 2000.0, "led_b3", 1e-11
 WITHIN_US = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 2000, 5000, 10000)
-
-
-@dataclass(frozen=True)
-class Setting:
-    width: int
-    frames: int
-    fps: float
-    lamp: str
-    photocurrent_a: float
 
 
 def response(nm):
@@ -52,22 +43,21 @@ def bands(placement: str, n: int, lamp) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.array([b[key] for b in chosen]) for key in ("lambda_nm", "weight_nm"))
 
 
-def render(folder: Path, how, grey: int, placement: str, count: int) -> None:
+def render(folder: Path, grey: int, placement: str, count: int) -> None:
     command = [sys.executable, "-m", "pecs_blender", "render", ROOT / "scenes/colorchecker_disk", "-o", folder]
     command += ["--lens", "none", "--focal", 25, "--placement", placement, "--bands", count, "--min-wavelength", LO_NM]
-    command += ["--max-wavelength", HI_NM, "--width", how.width, "--samples", 4, "--fps", how.fps]
-    command += ["--frames", how.frames]
-    command += ["--set", f"grey={grey}", "--set", f"lamp_spectrum={how.lamp}"]
+    command += ["--max-wavelength", HI_NM, "--width", WIDTH, "--samples", 4, "--fps", FPS]
+    command += ["--frames", FRAMES, "--set", f"grey={grey}", "--set", f"lamp_spectrum={LAMP}"]
     subprocess.run(list(map(str, command)), check=True)
 
 
-def dense(folder: Path, how, grey: int) -> tuple[np.ndarray, np.ndarray]:
+def dense(folder: Path, grey: int) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths, and radiance over lamp power [T, 61, H, W]."""
-    render(folder, how, grey, "uniform", 61)
+    render(folder, grey, "uniform", 61)
     with pecs.StackReader(folder) as stack:
         nm = np.array([b["lambda_nm"] for b in stack.info["bands"]])
-        frames = np.array([stack.read_frame(i) for i in range(how.frames)])
-    return nm, frames / load(how.lamp)(nm)[None, :, None, None]
+        frames = np.array([stack.read_frame(i) for i in range(FRAMES)])
+    return nm, frames / load(LAMP)(nm)[None, :, None, None]
 
 
 def photocurrent(nm, frames, placement, n, lamp):
@@ -81,21 +71,21 @@ def photocurrent(nm, frames, placement, n, lamp):
     return (light / light.mean()).astype(np.float32)
 
 
-def of_means(folder: Path, how, grey: int, n: int) -> np.ndarray:
+def of_means(folder: Path, grey: int, n: int) -> np.ndarray:
     """[T, H, W]: of a render with n bands, gain removed."""
-    render(folder, how, grey, "means", n)
+    render(folder, grey, "means", n)
     with pecs.Chip("imx636") as chip:
         light = chip.photocurrent(folder, fnumber=8.0)
     return light / light.mean()
 
 
-def events(light, how):
-    t_us = np.arange(len(light)) * 1e6 / how.fps
-    return pecs.simulate(light, t_us, chip="imx636", noise=False, photocurrent_a=how.photocurrent_a)
+def events(light):
+    t_us = np.arange(len(light)) * 1e6 / FPS
+    return pecs.simulate(light, t_us, chip="imx636", noise=False, photocurrent_a=PHOTOCURRENT_A)
 
 
-def score(reference, light, truth, how) -> dict:
-    found = events(light, how)
+def score(reference, light, truth) -> dict:
+    found = events(light)
     h, w = light.shape[1:]
     if len(found) == 0:
         return {"events": 0}
@@ -123,27 +113,24 @@ def delay_us(a, b, width) -> np.ndarray:
     return tb[same[kb]] - ta[same[ka]]
 
 
-def main(
-    output: Path, *, width: int = 64, frames: int = 40, fps: float = 2000.0, lamp: str = "led_b3",
-    photocurrent_a: float = 1e-11,
-) -> None:  # fmt: skip
-    how, spectrum = Setting(width, frames, fps, lamp, photocurrent_a), load(lamp)
+def main(output: Path) -> None:
+    spectrum = load(LAMP)
     output.mkdir(parents=True, exist_ok=True)
-    result = {"lamp": lamp, "width": width, "frames": frames, "fps": fps, "bands": [], "light": []}
+    result = {"lamp": LAMP, "width": WIDTH, "frames": FRAMES, "fps": FPS, "bands": [], "light": []}
     for scene, grey in (("colour", 0), ("grey", 1)):
-        nm, rendered = dense(output / f"stack_{scene}", how, grey)
+        nm, rendered = dense(output / f"stack_{scene}", grey)
         truth = photocurrent(nm, rendered, "gauss", 61, spectrum)
-        reference = events(truth, how)
+        reference = events(truth)
         for placement, counts in PLACEMENTS.items():
             for n in counts:
                 if placement == "means":
-                    light = of_means(output / f"means_{scene}_{n}", how, grey, n)
+                    light = of_means(output / f"means_{scene}_{n}", grey, n)
                 else:
                     light = photocurrent(nm, rendered, placement, n, spectrum)
-                row = {"scene": scene, "placement": placement, "n": n, **score(reference, light, truth, how)}
+                row = {"scene": scene, "placement": placement, "n": n, **score(reference, light, truth)}
                 result["bands"].append(row)
         if scene == "colour":
-            result["light"] = [{"c": c, **score(reference, truth * np.float32(c / 100), truth, how)} for c in LIGHT]
+            result["light"] = [{"c": c, **score(reference, truth * np.float32(c / 100), truth)} for c in LIGHT]
     (output / "ablation.json").write_text(json.dumps(result, indent=1))
     (output / "ablation.md").write_text(page(result))
     plot(result, output / "ablation.png")

@@ -7,16 +7,16 @@ in us, x, y, p) and frames/NNNN.png. Window k begins with the exposure of frame 
 still: windows 32 to 34, the light of the mean frame. moving: the sharp frames as one texture, moved to where the events
 of each 4 ms have its edges; thresholds and numbers of events have no part in that. A lamp flickers in both. cups:
 a DAVIS346 with exposures_us.csv (in FOLDER); all frames are blurred, and deconvolved along such a path. readout: the
-order in which events leave the chip, of either recording.
+order in which events leave the chip, of either recording. --windows: first and last of moving.
 """
 
-import argparse
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pecs
 from pecs_lab.blurred_twin import BlurredTwin, without_pattern
+from pecs_lab.measure import command
 from PIL import Image
 from scipy.ndimage import gaussian_filter1d
 
@@ -43,28 +43,39 @@ def light(values):
     return np.clip((values - BLACK_DN) / (WHITE_DN - BLACK_DN), DARKEST, None)
 
 
+def pushed(sensor, t_us, light_at):
+    """Events before light_at(t_us), and their times."""
+    found = []
+    with sensor:
+        for some_us in np.split(t_us, range(64, len(t_us), 64)):
+            found.append(sensor.push(np.array([light_at(t) for t in some_us], np.float32), some_us - t_us[0]))
+        found.append(sensor.finish())
+    events = np.concatenate(found)
+    return events["t"] + t_us[0], events
+
+
 def simulate(light_at, first, last, seed):
     """Events of windows first to last; light_at(t_us): relative light. Window 2 begins at 0."""
     begin_us, end_us = (first - 2) * PERIOD_US, (last - 1) * PERIOD_US
     t_us = np.arange(begin_us - LEAD_US + BEGIN_US, end_us + 2000, 1000)
-    found = []
-    with pecs.Sensor(
-        WIDTH, HEIGHT, CHIP, seed=seed, photocurrent_a=WHITE_A, chip_frames=True, time_unit="us"
-    ) as sensor:
-        for i in range(0, len(t_us), 64):
-            turn = 2 * np.pi * (1e-6 * LAMP_HZ * t_us[i : i + 64] - LAMP_TURN)
-            lamp = np.stack([1 + LAMP_DEPTH * np.cos(turn), SHARED * np.cos(turn - 2 * np.pi * SHARED_TURN)], 1)
-            planes = [light_at(t) * a + b for t, (a, b) in zip(t_us[i : i + 64], lamp, strict=True)]
-            found.append(sensor.push(np.maximum(planes, 1e-3).astype(np.float32), t_us[i : i + 64] - t_us[0]))
-            sensor.take_frames()
-        found.append(sensor.finish())
-    events = np.concatenate(found)
-    return of_windows(events["t"] + t_us[0], events, first, last)
+
+    def lit(now_us):
+        turn = 2 * np.pi * (1e-6 * LAMP_HZ * now_us - LAMP_TURN)
+        shared = SHARED * np.cos(turn - 2 * np.pi * SHARED_TURN)
+        return np.maximum(light_at(now_us) * (1 + LAMP_DEPTH * np.cos(turn)) + shared, 1e-3)
+
+    how = {"seed": seed, "photocurrent_a": WHITE_A, "chip_frames": True, "time_unit": "us"}
+    return of_windows(*pushed(pecs.Sensor(WIDTH, HEIGHT, CHIP, **how), t_us, lit), first, last)
 
 
 def of_windows(t_us, events, first, last):
-    inside = (t_us >= (first - 2) * PERIOD_US) & (t_us < (last - 1) * PERIOD_US)
-    pixels = events["y"].astype(int) * WIDTH + events["x"]
+    return between(t_us, events, (first - 2) * PERIOD_US, (last - 1) * PERIOD_US)
+
+
+def between(t_us, events, begin_us, end_us, width=WIDTH):
+    """Times, pixels and polarities."""
+    inside = (t_us >= begin_us) & (t_us < end_us)
+    pixels = events["y"].astype(int) * width + events["x"]
     return np.asarray(t_us, float)[inside], pixels[inside], np.asarray(events["p"], int)[inside]
 
 
@@ -224,7 +235,7 @@ def shaken(picture, t_us):
     return cv2.warpAffine(picture, m, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE) if x_px else picture
 
 
-def still(folder, seed, picture):
+def still(folder, seed):
     events = np.load(folder / "still.npz")
     mean = light(np.mean([grey(folder, k) for k in (32, 33, 34)], 0))
     simulated = simulate(lambda t_us: shaken(mean, t_us - 30 * PERIOD_US), 32, 34, seed)
@@ -233,11 +244,9 @@ def still(folder, seed, picture):
         print(f"{name:35} {of_recording!s:32} {still_scores(*simulated)[name]}")
     dark = (mean < np.quantile(mean, 0.2)).ravel()
     print("dark pixels that fire back", fired_back(*recorded, dark), fired_back(*simulated, dark))
-    if picture:
-        draw(recorded, simulated, picture)
 
 
-def moving(folder, seed, picture, first, last):
+def moving(folder, seed, first, last):
     events = dict(np.load(folder / "events.npz"))
     centre = grey(folder, CENTRE)
     poses = {k: pose_of(centre, grey(folder, k)) for k in SHARP}
@@ -257,8 +266,6 @@ def moving(folder, seed, picture, first, last):
         return moving_scores(*(of_window(e, k) for e in (recorded, simulated, other)), (HEIGHT, WIDTH)), same
 
     print_moving(first, (scores(k) for k in range(first, last + 1)))
-    if picture:
-        draw_maps(recorded, simulated, picture)
 
 
 def cups(folder, seed):
@@ -276,23 +283,18 @@ def cups(folder, seed):
 
     def simulate_frame(texture, k, seed):
         begin_us, end_us = twin.exposures_us[k]
-        t_us, found = np.arange(begin_us - CUPS_LEAD_US, end_us + 1500, 1000), []
-        with pecs.Sensor(width, height, "davis346", seed=seed, photocurrent_a=CUPS_WHITE_A, time_unit="us") as sensor:
-            for i in range(0, len(t_us), 64):
-                planes = [cups_light(twin.view(texture, twin.pose(k, t))) for t in t_us[i : i + 64]]
-                found.append(sensor.push(np.array(planes, np.float32), t_us[i : i + 64] - t_us[0]))
-            found.append(sensor.finish())
-        return exposed(np.concatenate(found), t_us[0], k)
+        t_us = np.arange(begin_us - CUPS_LEAD_US, end_us + 1500, 1000)
+        sensor = pecs.Sensor(width, height, "davis346", seed=seed, photocurrent_a=CUPS_WHITE_A, time_unit="us")
+        return exposed(*pushed(sensor, t_us, lambda t: cups_light(twin.view(texture, twin.pose(k, t)))), k)
 
-    def exposed(of, start_us, k):
-        t_us = of["t"] + start_us
-        inside = (t_us >= twin.exposures_us[k][0] + CUPS_SKIP_US) & (t_us < twin.exposures_us[k][1])
-        return t_us[inside], (of["y"].astype(int) * width + of["x"])[inside], of["p"][inside].astype(int)
+    def exposed(t_us, of, k):
+        begin_us, end_us = twin.exposures_us[k]
+        return between(t_us, of, begin_us + CUPS_SKIP_US, end_us, width)
 
     def scores(k):
         texture = twin.texture(k)
         of_seeds = [simulate_frame(texture, k, seed + i) for i in (0, 1)]
-        recorded = exposed(events, 0, k)
+        recorded = exposed(events["t"], events, k)
         blurred, frame = (f[10:-10, 10:-10].ravel() for f in (twin.blurred(texture, k, k), twin.frames[k]))
         return moving_scores(recorded, *of_seeds, (height, width)), np.corrcoef(blurred, frame)[0, 1]
 
@@ -342,52 +344,14 @@ def readout(folder):
         print(f"{low:3} to {high:3}: {density[2:8].mean():.3f}, {20 * np.argmax(density[6:25]) + 130:.0f}")
 
 
-def draw(recorded, simulated, path):
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(4, 1, figsize=(12, 7), sharex=True, sharey=True, layout="constrained")
-    edges = np.arange(0, PERIOD_US, 500)
-    for axis, (name, (t_us, _, p), k) in zip(
-        axes, [(n, e, k) for k in (32, 34) for n, e in (("recorded", recorded), ("simulated", simulated))], strict=True
-    ):
-        for polarity, colour, label in ((0, "tab:orange", "OFF"), (1, "tab:blue", "ON")):
-            t = t_us[(p == polarity) & (t_us // PERIOD_US == k - 2)] % PERIOD_US
-            axis.step(edges[:-1] / 1000, np.histogram(t, edges)[0] * 2, color=colour, label=label, lw=0.9)
-        axis.set(title=f"{name}, window {k}", yscale="symlog", ylabel="events/ms")
-    axes[0].legend(loc="upper left")
-    axes[-1].set_xlabel("ms after the window's begin; exposures end at 99.6 ms, the next begins at 137.65 ms")
-    figure.savefig(path, dpi=70)
-
-
-def draw_maps(recorded, simulated, path):
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(2, 3, figsize=(12, 6.2), layout="constrained")
-    for column, k in zip(axes.T, (12, 15, 22), strict=True):
-        for axis, name, (t_us, pixel, _) in zip(column, ("recorded", "simulated"), (recorded, simulated), strict=True):
-            counts = np.bincount(pixel[t_us // PERIOD_US == k - 2], minlength=WIDTH * HEIGHT)
-            axis.imshow(counts.reshape(HEIGHT, WIDTH), vmax=20, cmap="magma")
-            axis.set(title=f"{name}, window {k}: {counts.sum():,} events", xticks=[], yticks=[])
-    figure.savefig(path, dpi=70)
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("still", "moving", "cups", "readout"))
-    parser.add_argument("recording", type=Path, metavar="FOLDER")
-    parser.add_argument("-o", "--output", type=Path, help="PNG of rates over the frame clock, or of maps")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--windows", type=int, nargs=2, default=(3, 30), metavar="K", help="moving: first and last")
-    args = parser.parse_args()
-    if args.kind == "still":
-        still(args.recording, args.seed, args.output)
-    elif args.kind == "cups":
-        cups(args.recording, args.seed)
-    elif args.kind == "readout":
-        readout(args.recording)
-    else:
-        moving(args.recording, args.seed, args.output, *args.windows)
+def main(kind: str, recording: Path, *, seed: int = 1, windows: list[int] = (3, 30)) -> None:
+    {
+        "still": lambda: still(recording, seed),
+        "moving": lambda: moving(recording, seed, *windows),
+        "cups": lambda: cups(recording, seed),
+        "readout": lambda: readout(recording),
+    }[kind]()
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -2,7 +2,6 @@
 
     .venv-datasets/bin/python scripts/studies/reconstruction.py ../shared/data/real [NAME=NETWORK.onnx ...]
         [--window-ms 10 20 40] [-o scripts/studies/reconstruction.json] [--picture docs/studies/reconstruction.png]
-        [--look PICTURE]
 
 Methods are the filter, the network that PECS includes (`shipped`) and those that are named, also with `--smooth`.
 Windows have each of the lengths; the picture nearest to a frame's time is scored.
@@ -10,11 +9,9 @@ Windows have each of the lengths; the picture nearest to a frame's time is score
     cups (DAVIS346): the mean of the pictures in an exposure beside the frame, which motion blurs
     R_360_L: edges of the lab's disk, on every fourth pixel, after the first fifth of the recording, with and
         without the corner frequency of its pixels
---picture shows drawn sequences that no network was trained on, and the disk; --look the recordings, which have no
-licence for a page.
+--picture shows drawn sequences that no network was trained on, since the recordings have no licence for a page.
 """
 
-import argparse
 import csv
 import functools
 import json
@@ -28,14 +25,15 @@ from pecs.learning.reconstruct import CUTOFF_HZ, WEIGHTS, Filter, Network, Windo
 from pecs.learning.smooth import smooth
 from pecs_lab import sequences
 from pecs_lab.disk import edges
+from pecs_lab.measure import command
 from pecs_lab.report import write
 from scipy.ndimage import uniform_filter
 
+RESULTS = Path(__file__).with_suffix(".json")
 PERIOD_US, LAG_US = 138_121.3, -11_000  # of camerashake's frames; frame k at (k - 2) PERIOD_US + LAG_US (README there)
 SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33, 34)}
 COARSER, NEAR_PX = 4, 3
 DISK_HZ = 2.5  # corner in the mean light: 4.6 Hz in white, and half of the disk is black (docs/studies/accuracy.md)
-PICTURED = (8, 20, 33)  # frames
 HELD_OUT, SHOWN, AT = 999, (2, 5, 10, 14), 90  # seed, numbers of those with most events of the first 20, window
 
 
@@ -94,18 +92,17 @@ def frame(folder: Path, number: int) -> np.ndarray:
     return cv2.imread(str(folder / f"frames/{number:04d}.png"), cv2.IMREAD_GRAYSCALE).astype(np.float64) / 255
 
 
-def camerashake(make, folder: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+def camerashake(make, folder: Path, window_us: float) -> dict:
     events = recording(folder / "events.npz", folder / "still.npz")
     ends, shown = video(make(240, 180), events, 33 * PERIOD_US, window_us)
 
     def at(number: int) -> np.ndarray:
         return shown[np.abs(ends - (number - 2) * PERIOD_US - LAG_US).argmin()]
 
-    found = {name: scores([(at(k), frame(folder, k)) for k in numbers]) for name, numbers in SHARP.items()}
-    return found, [at(k) for k in PICTURED]
+    return {name: scores([(at(k), frame(folder, k)) for k in numbers]) for name, numbers in SHARP.items()}
 
 
-def cups(make, folder: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
+def cups(make, folder: Path, window_us: float) -> dict:
     ends, shown = video(make(346, 260), recording(folder / "events.npz"), 1.82e6, window_us)
     with (folder / "exposures_us.csv").open() as file:
         exposures = [{key: int(value) for key, value in row.items()} for row in csv.DictReader(file)]
@@ -113,10 +110,10 @@ def cups(make, folder: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
     for row in exposures[2:]:  # the first ones have no past
         inside = (ends > row["begin_us"]) & (ends <= row["end_us"])
         pairs.append((shown[inside].mean(0), frame(folder, row["frame"])))
-    return {"blurred": scores(pairs)}, [pairs[-1][0]]
+    return {"blurred": scores(pairs)}
 
 
-def disk(make, path: Path, window_us: float, corner_hz: float | None) -> tuple[dict, list[np.ndarray]]:
+def disk(make, path: Path, window_us: float, corner_hz: float | None) -> dict:
     events = pecs.read(path)
     kept = events[(events["x"] % COARSER == COARSER // 2) & (events["y"] % COARSER == COARSER // 2)].copy()
     kept["x"], kept["y"] = kept["x"] // COARSER, kept["y"] // COARSER
@@ -128,21 +125,20 @@ def disk(make, path: Path, window_us: float, corner_hz: float | None) -> tuple[d
     times, last_us = ends - more - late, end_us - late  # of whole windows
     inside = (times > end_us / 5) & (times <= last_us)
     if not inside.any():
-        return {}, [shown[-1]]
+        return {}
     ahead = np.stack([edges(picture, of, t)[0] for t, picture in zip(times[inside], shown[inside], strict=True)])
     near = float((np.abs(ahead) <= NEAR_PX).mean())
     median = float(np.nanmedian(np.abs(ahead))) if np.isfinite(ahead).any() else None
     found = {"found": float(np.isfinite(ahead).mean()), f"within_{NEAR_PX}_px": near, "median_error_px": median}
     name = "edges, corner known" if corner_hz else "edges"
-    return {name: {key: value and round(value, 3) for key, value in found.items()}}, [shown[-1]]
+    return {name: {key: value and round(value, 3) for key, value in found.items()}}
 
 
-def scored(make, real: Path, window_us: float) -> tuple[dict, list[np.ndarray]]:
-    shake, shown = camerashake(make, real / "camerashake", window_us)
-    blur, mean = cups(make, real / "cups", window_us)
-    turn, last = disk(make, real / "R_360_L.hdf5", window_us, None)
-    known, _ = disk(make, real / "R_360_L.hdf5", window_us, DISK_HZ)
-    return shake | blur | turn | known, [*shown, *mean, *last]
+def scored(make, real: Path, window_us: float) -> dict:
+    found = camerashake(make, real / "camerashake", window_us) | cups(make, real / "cups", window_us)
+    for corner_hz in (None, DISK_HZ):
+        found |= disk(make, real / "R_360_L.hdf5", window_us, corner_hz)
+    return found
 
 
 def drawn(methods: dict, number: int) -> list[np.ndarray]:
@@ -159,43 +155,28 @@ def labelled(picture: np.ndarray, text: str, height: int = 180) -> np.ndarray:
     return cv2.putText(grey, text, (4, 12), cv2.FONT_HERSHEY_SIMPLEX, 0.4, 255, 1, cv2.LINE_AA)
 
 
-def strip(pictures: list[np.ndarray], text: str) -> np.ndarray:
-    return np.hstack([labelled(picture, "" if i else text) for i, picture in enumerate(pictures)])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("networks", nargs="*", metavar="NAME=NETWORK.onnx")
-    parser.add_argument("--window-ms", type=float, nargs="+", default=[10, 20, 40])
-    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_suffix(".json"))
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--look", type=Path)
-    args = parser.parse_args()
-    middle_ms = args.window_ms[len(args.window_ms) // 2]
-    networks = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
-    networks |= {name: Path(path) for name, path in (text.split("=", 1) for text in args.networks)}
+def main(
+    data: Path, networks: list[str] = (), *, window_ms: list[float] = (10, 20, 40),
+    output: Path = RESULTS, picture: Path | None = None,
+) -> None:  # fmt: skip
+    paths = {"shipped": WEIGHTS} if WEIGHTS.is_file() else {}
+    paths |= {name: Path(path) for name, path in (text.split("=", 1) for text in networks)}
     methods = {"filter": lambda w, h: Filter(w, h, CUTOFF_HZ)}
-    for name, path in networks.items():
+    for name, path in paths.items():
         methods |= {name: functools.partial(Network, path), f"{name}, smooth": functools.partial(Smooth, path)}
-    real, results, strips = args.data, json.loads(args.output.read_text()) if args.output.exists() else {}, []
+    results = json.loads(output.read_text()) if output.exists() else {}
     for name, make in methods.items():
-        for window_ms in args.window_ms:
-            found, pictures = scored(make, real, 1e3 * window_ms)
-            print(name, f"{window_ms:g} ms", json.dumps(found), flush=True)
-            results[f"{name}, {window_ms:g} ms"] = found
-            if window_ms == middle_ms:
-                strips.append(strip(pictures, name))
-    write(args.output, results)
-    if args.look:
-        true = [*(frame(real / "camerashake", k) for k in PICTURED), frame(real / "cups", 24), np.zeros((180, 320))]
-        cv2.imwrite(str(args.look), np.vstack([*strips, strip(true, "frames")]))
-    if args.picture:
+        for length_ms in window_ms:
+            found = scored(make, data, 1e3 * length_ms)
+            print(name, f"{length_ms:g} ms", json.dumps(found), flush=True)
+            results[f"{name}, {length_ms:g} ms"] = found
+    write(output, results)
+    if picture:
         columns = [drawn(methods, number) for number in SHOWN]
         names = [*methods, "light"]
         rows = [np.hstack([labelled(column[i], name) for column in columns]) for i, name in enumerate(names)]
-        cv2.imwrite(str(args.picture), np.vstack(rows), [cv2.IMWRITE_WEBP_QUALITY, 75])
+        cv2.imwrite(str(picture), np.vstack(rows), [cv2.IMWRITE_WEBP_QUALITY, 75])
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -26,6 +26,11 @@ def walls(distance_m=3.0, spacing_m=0.1):
     return np.concatenate(faces)
 
 
+def path_of(kind, folder, seed, **more):
+    """Without surfaces."""
+    return plan(kind, parameters(kind, folder, **more), None, np.random.default_rng(seed))
+
+
 def difference(f, t, h=2e-4):
     """f' to sixth order."""
     weights = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -37,7 +42,7 @@ MOVES = {"pauses": [[0.9, 0.2]], "pause_ramp_s": 0.3, "speed": [0.3, 1.5]}
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_exact(kind, tmp_path):
-    trajectory = plan(kind, parameters(kind, tmp_path, **MOVES), None, np.random.default_rng(3))
+    trajectory = path_of(kind, tmp_path, 3, **MOVES)
     t = np.array([0.11, 0.31, 0.65, 0.77, 1.23, 1.31, 1.57, 1.83])  # also in the pause's ramps
     state = trajectory.state(t)
     turn = np.swapaxes(state.world_from_body, 1, 2) @ difference(lambda s: trajectory.state(s).world_from_body, t)
@@ -57,15 +62,12 @@ def test_derivatives_are_exact(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_pauses_stand_still(kind, tmp_path):
-    more = {"pauses": [[0.0, 0.1], [1.0, 0.3]], "pause_ramp_s": 0.2, "speed": 0.3}
-    trajectory = plan(kind, parameters(kind, tmp_path, **more), None, np.random.default_rng(5))
+    trajectory = path_of(kind, tmp_path, 5, pauses=[[0.0, 0.1], [1.0, 0.3]], pause_ramp_s=0.2, speed=0.3)
     state = trajectory.state(np.concatenate([np.linspace(0, 0.1, 20), np.linspace(1.0, 1.3, 50)[1:]]))
     moves = (state.velocity_m_s, state.acceleration_m_s2, state.angular_velocity_rad_s)
     assert not any(v.any() for v in (*moves, state.angular_acceleration_rad_s2))
     assert len(np.unique(state.position_m[20:].round(12), axis=0)) == 1
-    drawn = plan(
-        kind, parameters(kind, tmp_path, pauses=2, pause_ramp_s=0.1, speed=0.1), None, np.random.default_rng(5)
-    )
+    drawn = path_of(kind, tmp_path, 5, pauses=2, pause_ramp_s=0.1, speed=0.1)
     assert len(drawn.clock.pauses) == 2
     for start, length in drawn.clock.pauses:
         assert length == 0.1 and 0 <= start - 0.1 and start + length + 0.1 <= 2
@@ -75,10 +77,10 @@ def test_pauses_stand_still(kind, tmp_path):
 @pytest.mark.parametrize("speed", [0.01, 0.1, 1.0, 10.0])
 def test_speed_over_three_decades(speed, tmp_path):
     """An orbit's speed is known."""
-    trajectory = plan("orbit", parameters("orbit", tmp_path, bob_m=0, speed=speed), None, np.random.default_rng(0))
+    trajectory = path_of("orbit", tmp_path, 0, bob_m=0, speed=speed)
     moving = np.linalg.norm(trajectory.state(np.linspace(0, 2, 50)).velocity_m_s, axis=1)
     assert np.allclose(moving, speed, rtol=1e-12)
-    sweep = plan("orbit", parameters("orbit", tmp_path, bob_m=0, speed=[0.01, speed]), None, np.random.default_rng(0))
+    sweep = path_of("orbit", tmp_path, 0, bob_m=0, speed=[0.01, speed])
     moving = np.linalg.norm(sweep.state([0.0, 1.0, 2.0]).velocity_m_s, axis=1)
     assert np.allclose(moving, [0.01, 0.1 * math.sqrt(speed), speed], rtol=1e-9)
 
@@ -117,7 +119,7 @@ def test_minimum_snap():
 def test_drone_thrust_points_up_the_body(tmp_path):
     """What a quadrotor can: its axis carries gravity and acceleration; the camera is pitched on it and level in roll
     about the heading."""
-    trajectory = plan("drone", parameters("drone", tmp_path), None, np.random.default_rng(2))
+    trajectory = path_of("drone", tmp_path, 2)
     state = trajectory.state(np.linspace(0, 2, 200))
     thrust = state.acceleration_m_s2 + [0, 0, paths.GRAVITY_M_S2]
     thrust /= np.linalg.norm(thrust, axis=1, keepdims=True)
@@ -130,7 +132,7 @@ def test_drone_thrust_points_up_the_body(tmp_path):
 @pytest.mark.parametrize("kind", ("drone", "hand_held", "orbit", "still"))
 def test_looks_at_its_target(kind, tmp_path):
     more = {"target": CENTRE} | ({"wander_deg": 0, "shake": 0} if kind == "hand_held" else {})
-    trajectory = plan(kind, parameters(kind, tmp_path, **more), None, np.random.default_rng(8))
+    trajectory = path_of(kind, tmp_path, 8, **more)
     matrix = trajectory.matrices(np.linspace(0, 2, 50))
     seen = np.einsum("nji,nj->ni", matrix[:, :3, :3], np.array(CENTRE) - matrix[:, :3, 3])
     if kind == "drone":  # in yaw
@@ -142,7 +144,7 @@ def test_looks_at_its_target(kind, tmp_path):
 
 
 def test_vehicle_keeps_its_turning_circle(tmp_path):
-    trajectory = plan("vehicle", parameters("vehicle", tmp_path, shake=0), None, np.random.default_rng(4))
+    trajectory = path_of("vehicle", tmp_path, 4, shake=0)
     state = trajectory.state(np.linspace(0, 2, 500))
     speed = np.linalg.norm(state.velocity_m_s, axis=1)
     turn = np.cross(state.velocity_m_s, state.acceleration_m_s2)[:, 2] / speed**3
@@ -156,7 +158,7 @@ def test_shake_is_as_stated(tmp_path):
     found = []
     for seed in range(12):
         more = {"volume": [[0, 0, 0], [1, 1, 1]], "wander_deg": 0, "duration_s": 20.0, "speed": 0.01}
-        trajectory = plan("hand_held", parameters("hand_held", tmp_path, **more), None, np.random.default_rng(seed))
+        trajectory = path_of("hand_held", tmp_path, seed, **more)
         found.append(np.degrees(trajectory.state(np.linspace(0, 20, 2000)).angular_velocity_rad_s).std(axis=0))
     assert 2.2 < np.sqrt(np.mean(np.square(found))) < 3.2
 
@@ -165,7 +167,7 @@ def test_recorded_goes_through_its_poses(tmp_path):
     world = np.array([[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1.0]])
     camera = np.array([[1, 0, 0, 0.1], [0, 0, 1, 0.2], [0, -1, 0, 0.3], [0, 0, 0, 1.0]])
     more = {"start_s": 0.5, "world_from_recorded": world.tolist(), "body_from_camera": camera.tolist()}
-    trajectory = plan("recorded", parameters("recorded", tmp_path, **more), None, np.random.default_rng(0))
+    trajectory = path_of("recorded", tmp_path, 0, **more)
     t, position, quaternion = poses.read_tum(tmp_path / "poses.txt")
     wanted = world @ poses.pose_matrix(position, quaternion) @ camera
     keep = slice(50, 250)
@@ -173,12 +175,7 @@ def test_recorded_goes_through_its_poses(tmp_path):
     noisy = position + np.random.default_rng(0).normal(0, 1e-3, position.shape)
     poses.write_tum(tmp_path / "noisy.txt", t, noisy, quaternion)
     rough, smooth = (
-        plan(
-            "recorded",
-            {"duration_s": 3, "start_s": 0.5, "file": tmp_path / "noisy.txt"} | knot,
-            None,
-            np.random.default_rng(0),
-        )
+        path_of("recorded", tmp_path, 0, duration_s=3, start_s=0.5, file=tmp_path / "noisy.txt", **knot)
         for knot in ({}, {"knot_s": 0.3})
     )
     at = np.linspace(0, 3, 300)
