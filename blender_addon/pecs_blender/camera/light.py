@@ -25,7 +25,7 @@ from .tiles import Box, at, boxes
 
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
 BLUR_PX, HALO_PX = 8, 64  # around a part, diffraction uses light of the same instant, and further out of another
-CALL_RAYS = 6000  # of the camera: as slow as another call (street, 2 cores)
+CALL_RAYS, GPU_CALL_RAYS = 2400, 6000  # of the camera: as slow as another call (street, 2 cores); not measured on a GPU
 DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
 
 
@@ -49,6 +49,7 @@ class Light(Layer):
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
         scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
         self._call_samples = rays.samples // 2 if sampling.denoise else rays.samples
+        self._call_px = (CALL_RAYS if sampling.device == "CPU" else GPU_CALL_RAYS) / self._call_samples
         to_film = stage.unit[:, None, None]
         if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
@@ -92,8 +93,9 @@ class Light(Layer):
         return self.bands_of(frame) + self.halves_of(frame) if self._denoiser else self.bands_of(frame)
 
     def filter_boxes(self, tiles: np.ndarray) -> list[Box]:
-        """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take."""
-        return boxes(tiles, *self._stage.size, 0, HALO_PX)
+        """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take: the denoiser's, which
+        takes ten times as long as diffraction, if there is one."""
+        return boxes(tiles, *self._stage.size, 0, DENOISE_PX if self._denoiser else HALO_PX)
 
     def fresh(self) -> np.ndarray:
         """[bands (and what __init__ lists), height, width] of the current instant, before diffraction."""
@@ -110,7 +112,7 @@ class Light(Layer):
         """Renders the current instant into boxes of a frame that cover these tiles, and returns them. around: also what
         diffraction brings into them from around them."""
         around_px = self._around_px if around else 0
-        boxes_px = boxes(tiles, *self._stage.size, CALL_RAYS / self._call_samples, around_px)
+        boxes_px = boxes(tiles, *self._stage.size, self._call_px, around_px)
         self.refresh(frame, [self._grown(box, around_px) for box in boxes_px])
         return boxes_px
 
