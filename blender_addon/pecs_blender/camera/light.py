@@ -26,7 +26,7 @@ from .tiles import Box, at, boxes
 NEAR_PX = 1  # a pixel without light takes that of a lit one within this distance
 BLUR_PX, HALO_PX = 8, 64  # around a part, diffraction uses light of the same instant, and further out of another
 CALL_RAYS, GPU_CALL_RAYS = 2400, 6000  # of the camera: as slow as another call (street, 2 cores); not measured on a GPU
-DENOISE_PX = 32  # around a part, the denoiser uses light of another instant
+DENOISE_PX = 16  # around a part, the denoiser uses light of another instant
 
 
 class Light(Layer):
