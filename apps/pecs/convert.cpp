@@ -192,8 +192,8 @@ void add_convert(CLI::App& app, Console& console) {
   add_read_options(*sub, o->read);
   sub->add_option_function<std::string>(
          "--late",
-         [o](const std::string& what) {
-           o->read.late = what == "sort" ? events::ReadOptions::Late::sort : events::ReadOptions::Late::drop;
+         [&read = o->read](const std::string& what) {
+           read.late = what == "sort" ? events::ReadOptions::Late::sort : events::ReadOptions::Late::drop;
          },
          "events of IN that are earlier than one before them: sort (in memory) or drop (default: an error)")
       ->check(CLI::IsMember({"sort", "drop"}));

@@ -164,7 +164,7 @@ def live():
 
 def to_events():
     press("run")
-    yield lambda: state().job is None or state().job.step.startswith("Frame 2 ")
+    yield lambda: state().job is None or state().job.step.startswith("Image 2 ")
     yield REDRAWN_S
     assert state().job, state().message
     picture("4_running")
@@ -191,6 +191,8 @@ def look_and_compare():
     press("view", kind="png")
     yield job_ended
     scroll(100)
+    sheet = view.spaces.active.image
+    yield lambda: sheet.size[0] * view.spaces.active.zoom[0] <= view.width  # the whole sheet, at the second redraw
     yield REDRAWN_S
     picture("5_events")
     (FOLDER / "recording.raw").write_bytes((FOLDER / "cube_events/cube.raw").read_bytes())

@@ -268,7 +268,7 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
         _score(column, "", "Rec.", "Sim.", "Ratio", "BLANK1")
         for label, real, sim, ratio, alike in event_operators.score_rows(state.scores):
             _score(column, label, real, sim, ratio, "CHECKMARK" if alike else "ERROR")
-        wrapped(box, "Distances of the recording are between its two halves. Ratios up to 10 % off are ticked")
+        wrapped(box, "Distances of the recording are between its halves; less is better. Ticks: up to 10 % off")
 
 
 def _score(layout, label: str, real: str, sim: str, ratio: str, icon: str) -> None:

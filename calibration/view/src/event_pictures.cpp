@@ -87,9 +87,10 @@ cv::Mat contact_sheet(const events::Recording& recording, std::int64_t window_us
     panel.copyTo(sheet(cv::Rect(at.x, at.y + kCaption, panel.cols, panel.rows)));
     cv::rectangle(sheet, {at.x, at.y + kCaption, panel.cols, panel.rows},
                   bgr(theme.ink) * 0.4 + bgr(theme.paper) * 0.6);
+    const std::size_t shown = between(recording, from, to).size();
     put_text(sheet,
-             fmt::format("{} .. {}  {} events", with_unit(from, recording.span_us), with_unit(to, recording.span_us),
-                         between(recording, from, to).size()),
+             fmt::format("{} .. {}  {} event{}", with_unit(from, recording.span_us), with_unit(to, recording.span_us),
+                         shown, shown == 1 ? "" : "s"),
              {at.x, at.y + 5}, 0.45, bgr(theme.ink));
   }
   put_text(sheet,

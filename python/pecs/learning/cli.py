@@ -87,13 +87,13 @@ def _parser() -> Parser:
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
     about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"
     one.add_argument("--corner", type=rate, help=about)
-    about = "also use the events after each picture: 2.4 times the time"
+    about = "also use the events after each picture: 2.4 times the time; smears what moves fast over 40 ms"
     one.add_argument("--smooth", action="store_true", help=about)
     one.add_argument("--size", type=_size, metavar="WxH", help="in pixels, for a file that does not state it")
     one.add_argument("--threads", type=THREADS, default=0, help="0: all cores")
     one.set_defaults(run=_reconstruct)
 
-    about = "a network that makes video of events, trained on drawn sequences or on a data set (needs PyTorch)"
+    about = "a network that reconstructs video from events, trained on drawn sequences or on a data set (needs PyTorch)"
     one = commands.add_parser("train", help=about, description=about, examples=TRAIN)
     about = "a data set whose recipe has keep.light (default: sequences of drawn textures in motion)"
     one.add_argument("set", type=Path, nargs="?", help=about)

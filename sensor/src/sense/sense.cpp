@@ -261,7 +261,7 @@ void SenseRun::take_frames(const LightBatch& light, Region rows, FrameBatch& bat
 void SenseRun::label_unsure() {
   auto& [events, causes] = events_;
   causes.resize(events.size(), Cause::signal);
-  const int width = source_->info().width;
+  const auto width = static_cast<std::size_t>(source_->info().width);
   std::int64_t step = unsure_.empty() ? 0 : unsure_.begin()->first;
   for (std::size_t i = 0; i < events.size(); ++i) {
     const events::Event& e = events[i];
@@ -272,7 +272,7 @@ void SenseRun::label_unsure() {
     if (is_new) at->second = source_->unsure(timeline_.frame(step));
     const double begin_us = timeline_.t_us(step), length_us = timeline_.t_us(step + 1) - begin_us;
     const int eighth = std::clamp(static_cast<int>(8 * (static_cast<double>(e.t_us) - begin_us) / length_us), 0, 7);
-    if (at->second[static_cast<std::size_t>(e.y * width + e.x)] >> eighth & 1) causes[i] = Cause::unsure;
+    if (at->second[e.y * width + e.x] >> eighth & 1) causes[i] = Cause::unsure;
   }
 }
 
