@@ -46,15 +46,14 @@ def eight_bit(light: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 class Recording:
-    """One event camera of a data set with ground truth. Pictures stay in memory after their first use, because reading
-    them takes as long as training."""
+    """One event camera of a sequence. Its pictures, one for each shortest window, stay in memory after their first use,
+    because reading them takes as long as training."""
 
-    def __init__(self, camera: Camera):
-        if not camera.has_truth:
-            raise bad_input(camera.folder / "truth", "layers", None, "the times of pictures")
+    def __init__(self, camera: Camera, duration_us: int):
         if not (camera.folder / "stack" / "stack.json").is_file():
             raise bad_input(camera.folder / "stack", "light", None, "the stack (in the recipe: keep.light)")
-        self.camera, self.events, self.times_us = camera, camera.events(), camera.truth.times_us
+        self.camera, self.events = camera, camera.events()
+        self.times_us = np.arange(0, duration_us + 1, WINDOW_US[0])
 
     @cached_property
     def _seen(self) -> tuple[NDArray[np.uint8], float | None]:
@@ -77,7 +76,7 @@ class Recording:
 
 
 def recordings(sequences: Iterable[SetSequence]) -> list[Recording]:
-    found = [Recording(camera) for sequence in sequences for camera in sequence.of_kind("events")]
+    found = [Recording(camera, one.duration_us) for one in sequences for camera in one.of_kind("events")]
     if not found:
         raise PecsInputError("clips: got no event camera, wanted sequences with one")
     return found
@@ -99,9 +98,6 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
                 got = f"pictures of {width} x {height}"
                 raise PecsInputError(f"clips: got {got}, wanted {config.crop} px each way, or less --crop")
             interval_us = float(source.times_us[-1] - source.times_us[0]) / max(n - 1, 1)
-            if interval_us > WINDOW_US[1] + 1:
-                wanted = f"{WINDOW_US[1] / 1e3:g} ms or less (fps of the truth)"
-                raise PecsInputError(f"clips: got pictures every {interval_us / 1e3:g} ms, wanted {wanted}")
             count = (n - 1) // max(1, round(WINDOW_US[0] / max(interval_us, 1)))
             steps = max(steps, count)
             if count >= config.windows:
