@@ -451,6 +451,9 @@ def test_what_cannot_be_written(sequence, tmp_path):
     fails(
         pecs.PecsInputError, "samples_per_shard: got 0", "webdataset", [sequence], tmp_path / "a", samples_per_shard=0
     )
+    alike = [Sequence(sequence.folder) for _ in range(2)]
+    alike[0].name, alike[1].name = "a.b", "a_b"
+    fails(pecs.PecsInputError, "got a key twice in a_b-left, ", "webdataset", alike, tmp_path / "a")
     skewed = Sequence(sequence.folder)
     skewed.cameras["right"].R_rect = np.eye(3)
     fails(pecs.PecsInputError, "wanted a rectified pair", "dsec", [skewed], tmp_path / "a")

@@ -36,6 +36,9 @@ def write(sequences: list[Sequence], folder: Path, samples_per_shard: int = 256)
     """samples_per_shard: the last shard of a split may have fewer."""
     if samples_per_shard < 1:
         raise UsageError(f"webdataset: samples_per_shard: got {samples_per_shard}, wanted 1 or more")
+    keys = [_key(s, camera) for s in sequences for camera in s.of_kind("events")]
+    if len({*keys}) < len(keys):
+        raise UsageError(f"webdataset: sequences and cameras: got a key twice in {', '.join(keys)}")
     report = Report({"IMU, poses between the samples, normals": "a sample is one interval"})
     for split in sorted({s.split for s in sequences}):
         samples = _samples([s for s in sequences if s.split == split], report)
@@ -51,6 +54,10 @@ def write(sequences: list[Sequence], folder: Path, samples_per_shard: int = 256)
     return report
 
 
+def _key(sequence: Sequence, camera: Camera) -> str:
+    return f"{sequence.name}-{camera.name}".replace(".", "_")  # what follows a period is an extension
+
+
 def _samples(sequences: list[Sequence], report: Report) -> Iterator[tuple[str, Sample]]:
     for sequence in sequences:
         for camera in sequence.of_kind("events"):
@@ -58,7 +65,7 @@ def _samples(sequences: list[Sequence], report: Report) -> Iterator[tuple[str, S
                 report.leave_out(f"camera {camera.name}", "it has no truth", sequence.name)
                 continue
             for i, sample in enumerate(_samples_of(sequence, camera)):
-                yield f"{sequence.name}-{camera.name}-{i:06d}".replace(".", "_"), sample
+                yield f"{_key(sequence, camera)}-{i:06d}", sample
                 report.count(sequence.name, samples=1)
 
 
