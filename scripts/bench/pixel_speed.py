@@ -1,4 +1,4 @@
-"""The sensor on frames in memory, by the wall's clock and by CPU time of all threads, beside this machine's copy
+"""The sensor on frames in memory, by the wall's clock and by CPU time of all threads, and this machine's copy
 bandwidth: medians of the passes, and the first one (cold). JSON. Events are arrays in the end, as in Python.
 
     python scripts/bench/pixel_speed.py [disk board static] [--chip ideal] [--threads 1] [--passes 5] [--esim CHECKOUT]

@@ -97,8 +97,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             if min(height, width) < config.crop:
                 got = f"pictures of {width} x {height}"
                 raise PecsInputError(f"clips: got {got}, wanted {config.crop} px each way, or less --crop")
-            interval_us = float(source.times_us[-1] - source.times_us[0]) / max(n - 1, 1)
-            count = (n - 1) // max(1, round(WINDOW_US[0] / max(interval_us, 1)))
+            count = (n - 1) // max(1, round(WINDOW_US[0] / max(_interval_us(source), 1)))
             steps = max(steps, count)
             if count >= config.windows:
                 self.sources.append(source)
@@ -117,7 +116,7 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         count, crop, how = self.config.windows, self.config.crop, self.config.augmentation
         pictures, times_us = source.pictures, source.times_us
         # A window is a number of intervals between pictures.
-        interval_us = float(times_us[-1] - times_us[0]) / (len(times_us) - 1)
+        interval_us = _interval_us(source)
         short, long = (round(us / interval_us) for us in WINDOW_US)
         late = late_us(source.corner_hz)
         last = len(times_us) - 1 - min(math.ceil(late / interval_us), len(times_us) - 1 - count)
@@ -140,6 +139,10 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
                 grid, shown = np.swapaxes(grid, -1, -2), np.swapaxes(shown, -1, -2)
         item = {"planes": grid, "picture": shown}
         return {name: torch.from_numpy(np.ascontiguousarray(value, np.float32)) for name, value in item.items()}
+
+
+def _interval_us(source: Source) -> float:
+    return float(source.times_us[-1] - source.times_us[0]) / max(len(source.times_us) - 1, 1)
 
 
 def _grid(source: Source, ends_us: NDArray[Any], box: tuple[int, int, int], bins: int) -> NDArray[np.float32]:

@@ -189,13 +189,13 @@ def reconstruct(
         if first is None:
             raise PecsInputError(f"{source}: the file has no events")
 
-        def checked() -> Iterator[Window]:
+        def counted() -> Iterator[Window]:
             nonlocal events
             for window in chain([first], found):
                 events += len(window.events)
                 yield window
 
-        pictures = smoothed(network, checked(), length_us) if network and smooth else map(make, checked())
+        pictures = smoothed(network, counted(), length_us) if network and smooth else map(make, counted())
         with VideoWriter(output, width, height, playback_fps or fps) as video:
             for number, picture in enumerate(pictures):
                 if number < early:  # of a time before the first event

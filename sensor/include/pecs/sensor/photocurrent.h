@@ -22,7 +22,7 @@ struct PhotocurrentOptions {
 };
 inline constexpr double kDefaultWhite_a = 1e-12;
 
-// Throws usage for an option that has no effect on light of this quantity, or beside another one.
+// Throws usage for an option that has no effect on light of this quantity, or with another option.
 void check_effect(const PhotocurrentOptions& options, Quantity quantity);
 
 // Amperes in a pixel of the chip, without its mosaic, per unit of each band's value. The pixel's area is the chip's: a
