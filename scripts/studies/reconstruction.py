@@ -34,7 +34,7 @@ PERIOD_US, LAG_US = 138_121.3, -11_000  # of camerashake's frames; frame k at (k
 SHARP = {"after motion": (6, 7, 8, 13, 17, 20, 23, 26), "in stillness": (32, 33, 34)}
 COARSER, NEAR_PX = 4, 3
 DISK_HZ = 2.5  # corner in the mean light: 4.6 Hz in white, and half of the disk is black (docs/studies/accuracy.md)
-HELD_OUT, SHOWN, AT = 999, (2, 5, 10, 14), 90  # seed, numbers of those with most events of the first 20, window
+HELD_OUT, SHOWN, AT = 999, (2, 5, 10, 14), 181  # seed, numbers of those with most events of the first 20, window
 
 
 def recording(*paths: Path) -> np.ndarray:
@@ -145,8 +145,8 @@ def drawn(methods: dict, number: int) -> list[np.ndarray]:
     """By each method at the end of a drawn sequence, and its light."""
     made = procedural.sequence(number, HELD_OUT, procedural.ProceduralConfig())
     size = made.pictures.shape[2], made.pictures.shape[1]
-    rows = [video(make(*size), made.events, 2e6, 20e3)[1][AT] for make in methods.values()]
-    return [*rows, made.pictures[4 * AT + 4] / 255]
+    rows = [video(make(*size), made.events, 2e6, 10e3)[1][AT] for make in methods.values()]
+    return [*rows, made.pictures[2 * AT + 2] / 255]
 
 
 def labelled(picture: np.ndarray, text: str, height: int = 180) -> np.ndarray:

@@ -29,7 +29,7 @@ MOST_PX = 8192
 RECONSTRUCT = (
     "pecs reconstruct recording.raw -o video.mp4                         # by the network that PECS includes",
     "pecs reconstruct recording.raw -o video.mp4 --method filter --cutoff 5Hz",
-    "pecs reconstruct recording.raw -o slow.mp4 --fps 100 --playback-fps 25",
+    "pecs reconstruct recording.raw -o slow.mp4 --playback-fps 25",
     "pecs reconstruct recording.raw -o video.mp4 --smooth                # uses the events after each picture",
     "pecs reconstruct recording.raw -o video.mp4 --corner 5Hz            # dim light, in which events come late",
     "pecs reconstruct recording.raw -o video.mp4 --weights out/run/network.onnx",
@@ -82,7 +82,7 @@ def _parser() -> Parser:
     one.add_argument(
         "--weights", type=Path, help="a network (.onnx) of `pecs train` (default: the one that PECS includes)"
     )
-    one.add_argument("--fps", type=rate, default=50.0, help="pictures per second of the recording")
+    one.add_argument("--fps", type=rate, default=100.0, help="pictures per second of the recording")
     one.add_argument("--playback-fps", type=rate, help="pictures per second of the video (default: as --fps)")
     one.add_argument("--cutoff", type=rate, help=f"cutoff frequency of the filter (default: {CUTOFF_HZ:g}Hz)")
     about = "corner frequency of the photoreceptors in the mean light, as of `pecs chip info` (default: not known)"

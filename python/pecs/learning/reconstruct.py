@@ -157,7 +157,7 @@ def reconstruct(
     *,
     method: str = METHODS[0],
     weights: str | PathLike[str] | None = None,
-    fps: float = 50.0,
+    fps: float = 100.0,
     cutoff_hz: float | None = None,
     corner_hz: float | None = None,
     smooth: bool = False,
