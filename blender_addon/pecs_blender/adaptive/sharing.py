@@ -9,7 +9,7 @@ import numpy as np
 import pecs
 from pecs.motion import CHANNELS, QUARTERS
 
-from ..camera.tiles import Box, at, boxes, grown, pixels_of, tiles_with
+from ..camera.tiles import Box, at, boxes, faded, grown, tiles_with
 from ..output import as_written
 from ..truth.surfaces import SurfaceHits, Surfaces
 from .judge import Judge
@@ -29,7 +29,7 @@ def average_samples(
 ) -> np.ndarray:
     """Mean light [channels, height, width] of a keyframe and those parts of its neighbours that show the same light, at
     these strengths of lamps, in the first channels, those of Picture.raw; rounded as in the file."""
-    more, count = np.zeros(own.shape), np.zeros(own.shape[1:], np.uint8)  # from neighbours
+    more, weights = np.zeros(own.shape), np.zeros(own.shape[1:])  # from neighbours
     centres = surfaces.sight.centres()
     for light, there in neighbours:
         place = surfaces.place(there, hits.poses)
@@ -43,12 +43,12 @@ def average_samples(
         same = np.isfinite(warped).all(0) & (np.abs(z[0] - depth) <= SAME_DEPTH * depth)
         current, other = (judge.photocurrent(one, factors=factors) for one in (here, warped))
         agree = judge.same_light(np.where(same, current, np.nan), np.where(same, other, np.nan))
-        same &= pixels_of(agree, same.shape[::-1])
-        more[at(box)][:, same] += warped[:, same]
-        count[at(box)][same] += 1
+        weight = np.where(same, faded(agree, same.shape[::-1]), 0)
+        more[at(box)] += weight * np.where(same, warped, 0)
+        weights[at(box)] += weight
     mean = own.copy()
-    shared = count > 0
-    mean[:, shared] = (own[:, shared] + more[:, shared]) / (1 + count[shared])
+    shared = weights > 0
+    mean[:, shared] = (own[:, shared] + more[:, shared]) / (1 + weights[shared])
     return as_written(mean)
 
 

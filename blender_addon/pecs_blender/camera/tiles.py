@@ -117,6 +117,19 @@ def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> 
     return tiles.repeat(side, 0).repeat(side, 1)[: size[1], : size[0]]
 
 
+def faded(tiles: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Pixels [height, width]: 1 in the tiles, and 0 in others, to which it falls over half a tile, so that borders of
+    tiles are not seen in what is weighted with it; size: width, height."""
+    others = np.pad(~tiles, 1)
+    others = others[:-1] | others[1:]
+    weights = (~(others[:, :-1] | others[:, 1:])).astype(np.float32)  # of corners of tiles
+    for axis, length in enumerate(size[::-1]):
+        place = (np.arange(length) + 0.5) / TILE_PX
+        low, part = place.astype(int), np.expand_dims((place % 1).astype(np.float32), 1 - axis)
+        weights = weights.take(low, axis) * (1 - part) + weights.take(low + 1, axis) * part
+    return np.minimum(1, 2 * weights)
+
+
 def grown(tiles: np.ndarray) -> np.ndarray:
     """Tiles, or pixels, and their eight neighbours."""
     more = np.pad(tiles, 1)

@@ -38,6 +38,16 @@ def test_neighbours():
     assert np.argwhere(tiles.tiles_with(pixels)).tolist() == [[5, 9]]
 
 
+def test_weights_of_tiles_fade_at_others():
+    wanted = np.ones((4, 5), bool)
+    wanted[1, 2] = False
+    weights = tiles.faded(wanted, (5 * 16 - 3, 4 * 16 - 1))
+    of_tiles = tiles.pixels_of(wanted, weights.shape[::-1])
+    assert weights.shape == (63, 77) and (weights[~of_tiles] == 0).all() and (weights[of_tiles] > 0).all()
+    assert max(np.abs(np.diff(weights, axis=axis)).max() for axis in (0, 1)) <= 2 / 16 + 1e-6
+    assert (weights[:, :8] == 1).all() and (weights[40:, -8:] == 1).all()  # no border at those of the picture
+
+
 def test_noise_does_not_differ_and_light_does():
     rng = np.random.default_rng(5)
     light = 1 + 0.5 * np.sin(np.arange(150) / 3) * np.sin(np.arange(90) / 4)[:, None]
