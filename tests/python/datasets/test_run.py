@@ -17,7 +17,8 @@ from support import ROOT, run_module
 
 pytest.importorskip("bpy", reason="renders with Cycles")
 
-from pecs.datasets import Sequence
+from pecs.datasets import Sequence, writers
+from pecs.datasets.rectify import Rectifier
 from pecs.datasets.sequence import frames_of
 
 RECIPE = f"""
@@ -201,6 +202,22 @@ def test_a_davis_takes_frames_of_the_light_of_its_events(films):
         for frame in frames:
             mean_a = light.exposure(frame.start_us, 10_000)[0]
             assert np.corrcoef(mean_a.ravel(), read_png(frame.path).ravel())[0, 1] > 0.9
+
+
+def test_dsec_has_the_frames_of_a_davis(films, tmp_path):
+    """Where no other camera takes pictures."""
+    own = tmp_path / "0000"
+    shutil.copytree(films.folder, own)
+    record = json.loads((own / "sequence.json").read_text())
+    record["cameras"] = [camera for camera in record["cameras"] if camera["name"] == "left"]
+    (own / "sequence.json").write_text(json.dumps(record))
+    writers.write("dsec", [sequence := Sequence(own)], tmp_path / "dsec")
+    images = tmp_path / "dsec" / sequence.split / "0000/images"
+    assert (images / "timestamps.txt").read_text() == "25000\n"
+    assert (images / "left/exposure_timestamps.txt").read_text().endswith("20000, 30000\n")
+    camera = sequence.cameras["left"]
+    wanted = Rectifier(camera).picture(read_png(camera.frames()[0].path))
+    assert np.abs(read_png(images / "left/rectified/000000.png") - wanted).max() <= 0.501  # rounded
 
 
 @pytest.mark.parametrize("name", ["film", "frame"])  # on its own pixels, and on those of the event camera

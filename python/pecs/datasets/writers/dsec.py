@@ -50,7 +50,8 @@ def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -
 
 
 def roles(sequence: Sequence) -> dict[str, Camera]:
-    """DSEC's cameras: the first stereo pair of events and of pictures, or the first camera alone as the left one."""
+    """DSEC's cameras: the first stereo pair of events and of pictures, or the first camera alone as the left one.
+    Without a camera of pictures, event cameras that take frames are both."""
     out = {}
     for kind, left, right in (("events", "cam0", "cam3"), ("rgb", "cam1", "cam2")):
         pairs, cameras = sequence.stereo_pairs(kind), sequence.of_kind(kind)
@@ -60,6 +61,8 @@ def roles(sequence: Sequence) -> dict[str, Camera]:
             out[left] = cameras[0]
     if "cam0" not in out:
         raise PecsInputError(f"{sequence.folder}: got no event camera, wanted one or a stereo pair")
+    if "cam1" not in out and out["cam0"].frames():
+        out |= {also: out[role] for role, also in (("cam0", "cam1"), ("cam3", "cam2")) if role in out}
     return out
 
 

@@ -54,7 +54,7 @@ def write(sequences: list[Sequence], folder: Path, flow_us: int | None = None) -
 
 def _instants(cameras: dict[str, Camera], sequence: Sequence, report: Report) -> list[int]:
     camera = cameras["cam0"]
-    if "cam1" not in cameras:
+    if cameras.get("cam1", camera) is camera:
         return list(range(len(camera.truth)))
     found = [truth_at(camera, frame.middle_us) for frame in cameras["cam1"].frames()]
     if None in found:
