@@ -80,11 +80,12 @@ class BlendScene(Source):
         return round(self.scene.frame_start + t_s * self._fps, 6)
 
     def camera_at(self, t_s: float) -> bpy.types.Object:
-        """The last marker's camera; before the first marker, its camera. As Blender does, in remapped time."""
+        """The last marker's camera, of several at one frame the first one's; before the first marker, its camera. As
+        Blender does, in remapped time."""
         render, frame = self.scene.render, self._frame(t_s)
         frame = round(frame * render.frame_map_old / render.frame_map_new, 6)
-        passed = [camera for at, camera in self._cuts if at <= frame]
-        return [self.own_camera, *(camera for _, camera in self._cuts[:1]), *passed][-1]
+        passed = [cut for cut in self._cuts if cut[0] <= frame] or self._cuts[:1]
+        return max(passed, key=lambda cut: cut[0])[1] if passed else self.own_camera
 
     def set_time(self, t_s: float) -> None:
         frame = self._frame(t_s)
