@@ -32,6 +32,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "light_sampling_threshold": 0.0,  # otherwise dim light samples are dropped at random: tenfold noise
     "use_auto_tile": False,
     "use_fast_gi": False,
+    "use_guiding": False,  # learns from the whole picture: still pixels would change with what moves
     "film_exposure": 1.0,
 }
 LEAST_PX = 4  # of a picture, each way: Blender's limit

@@ -186,8 +186,9 @@ class SpectralScene:
                     _unlink(light.node_tree, socket)
                     socket.default_value = (1.0, 1.0, 1.0, 1.0)
                     role = ColourRole(self._emitter(spectrum(source)))
-        # A sun's strength is per area, that of other lamps in watts.
-        strength = 1.0 if light.type == "SUN" else self._unit_m**-2
+        # Strength is per area of a sun, and of lamps whose size changes their power; that of others is in watts.
+        per_area = light.type == "SUN" or not (light.normalize or getattr(light, "shadow_soft_size", 1.0) == 0)
+        strength = 1.0 if per_area else self._unit_m**-2
         self._constant(light, "color", light, replace(role, strength=strength))
         if light.use_nodes and light.node_tree:  # filters in front of the lamp's own spectrum
             self._tree(light.node_tree, _Named(light, filters=True))

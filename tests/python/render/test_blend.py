@@ -214,6 +214,7 @@ for name in ("plain", "settings", "others", "mirrored"):
             thing.hide_viewport = True
             thing.keyframe_insert("hide_viewport", frame=1)
         scene.cycles.time_limit, layer.pass_alpha_threshold, scene.cycles.shading_system = 0.001, 0.9, True
+        scene.cycles.use_guiding = True
         scene.cycles.use_sample_subset, scene.cycles.sample_offset, scene.cycles.sample_subset_length = True, 1, 1
     elif name == "mirrored":
         scene.camera.scale.x = -1
@@ -250,6 +251,7 @@ def test_settings_of_blenders_own_renders(tmp_path):
             found[name] = [reader.read_frame(0), *(reader.read_layer(layer, 0) for layer in layers)]
     for plain, same in zip(found["plain"], found["settings"], strict=True):
         np.testing.assert_array_equal(same, plain)
+    assert json.loads((tmp_path / "settings/stack.json").read_text())["render"]["cycles"]["use_guiding"] is False
     light, depth, _, objects = found["others"]
     seen = light[0] > 0
     assert 20 < np.count_nonzero(seen) < 0.5 * seen.size  # the ball before nothing, without the floor

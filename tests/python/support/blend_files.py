@@ -328,7 +328,8 @@ PLANE, BALL, BALL_RADIUS = ((0, 5, 0), 20), (0.3, 3, -0.2), 0.5  # a wall turned
 
 
 def measured(unit_m=1.0):
-    """A wall and a ball before a camera in the origin that looks along +y, in metres whatever the unit; a lamp."""
+    """A wall and a ball before a camera in the origin that looks along +y, in metres whatever the unit; two lamps, one
+    of a power that grows with its area."""
     scene = bpy.context.scene
     scene.unit_settings.scale_length = unit_m
     camera = scene.camera
@@ -339,7 +340,9 @@ def measured(unit_m=1.0):
     floor(None, 4 / unit_m, [v / unit_m for v in location], (90, 0, turn_deg))
     ball(None, [v / unit_m for v in BALL], BALL_RADIUS / unit_m, segments=256)
     light = lamp("POINT", (1, 1, 1), 100, (1 / unit_m, 0, 1 / unit_m))
-    light.shadow_soft_size = 0.1 / unit_m
+    other = lamp("SPOT", (1, 1, 1), 1000, (-1 / unit_m, 0, 1 / unit_m))
+    light.shadow_soft_size, other.shadow_soft_size, other.normalize = 0.1 / unit_m, 0.1 / unit_m, False
+    bpy.context.scene.objects[other.name].rotation_euler.x = math.radians(80)
     scene.cycles.diffuse_bounces = 0
 
 
