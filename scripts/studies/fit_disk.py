@@ -27,7 +27,7 @@ def main(
     if simulation:
         pecs.write(simulation, found, **size)
     options = size | {"split_half": False, "origin": "zero"}
-    paper = pecs.compare(events, found, normalisation="paper", disk=disk.detected, **options)
+    paper = pecs.compare(events, found, normalisation="paper", disk=disk.detected(float(events["t"][0])), **options)
     eq16 = pecs.compare(events, found, normalisation="eq16", **options)
     delays = paper["delays"]
 

@@ -82,7 +82,8 @@ def onto_sensor(folder: Path, fnumber: float | None = None) -> Path:
 def scores(sequence: Sequence, reference: np.ndarray, found: np.ndarray) -> dict:
     p, size, disk = sequence.parameters, {"width": WIDTH, "height": HEIGHT}, None
     if "rpm" in p:
-        disk = Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 6 * p["rpm"], p["phase_deg"]).detected
+        disk = Disk(DISK_CENTRE_PX, DISK_RADIUS_PX, 6 * p["rpm"], p["phase_deg"])
+        disk = disk.detected(float(reference["t"].min()))
     paper = pecs.compare(reference, found, normalisation="paper", split_half=False, **size)
     shared = pecs.compare(reference, found, disk=disk, **size)
     row = {"floor": shared["split_half"]}

@@ -193,7 +193,7 @@ TEST(Compare, DelaysBehindADisksEdges) {
   Stream on = disk_events(2000, 10);
   std::erase_if(on.events, [](const Event& e) { return !e.p; });
   CompareOptions options;
-  options.disk = TurningDisk{60, 60, 50, 2000, 30, -60, 0, 4};
+  options.disk = TurningDisk{60, 60, 50, 2000, 32, -58, 1000, 4};
   const auto c = compare(disk_events(2000, 10), "r", on, "s", options);
   EXPECT_FALSE(c.delays->overlap[0]);
   EXPECT_FALSE(c.delays->sim.pair_sd_deg);

@@ -203,6 +203,10 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   // The common window.
   const Extent real_extent = keep_window(real.events, real_name, options);
   const Extent sim_extent = keep_window(sim.events, sim_name, options);
+  if (const auto& d = options.disk; d && (d->time_us < static_cast<double>(real_extent.first_us) ||
+                                          d->time_us > static_cast<double>(real_extent.last_us)))
+    throw bad_input(real_name, "phase_time_us of the disk", fmt::format("{:.0f} us", d->time_us),
+                    fmt::format("a time of the recording, {} to {} us", real_extent.first_us, real_extent.last_us));
   Comparison c;
   c.options = options;
   c.width = real.info.width, c.height = real.info.height;

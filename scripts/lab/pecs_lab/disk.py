@@ -31,13 +31,13 @@ class Disk:
     def period_deg(self) -> float:
         return 720 / self.sectors
 
-    @property
-    def detected(self) -> dict:
-        """As `pecs align detect --json` prints it."""
+    def detected(self, t_us: float = 0) -> dict:
+        """As `pecs align detect --json` prints it, at this time."""
+        turned = self.speed_deg_s * 1e-6 * t_us
         values = {"centre_x": self.centre_px[0], "centre_y": self.centre_px[1], "speed_deg_s": self.speed_deg_s}
-        values |= {"on_edge_deg": self.on_edge_deg, "off_edge_deg": self.off_deg}
+        values |= {"on_edge_deg": self.on_edge_deg + turned, "off_edge_deg": self.off_deg + turned}
         rim = {"axis_a_px": 2 * self.radius_px, "axis_b_px": 2 * self.radius_px}
-        rest = {"sectors": self.sectors, "phase_time_us": 0, "rim": rim}
+        rest = {"sectors": self.sectors, "phase_time_us": t_us, "rim": rim}
         return {key: {"value": value} for key, value in values.items()} | rest
 
     def coarser(self, factor: int) -> "Disk":

@@ -157,7 +157,7 @@ class Slowness:
 
     @classmethod
     def measure(cls, events: np.ndarray, disk: Disk, width: int, height: int, duration_us: float) -> "Slowness":
-        delays = pecs.delays(events, disk=disk.detected, width=width, height=height, duration_us=round(duration_us))
+        delays = pecs.delays(events, disk=disk.detected(), width=width, height=height, duration_us=round(duration_us))
         at = BINS_DEG[:-1] + 1
         histograms = [np.array(delays[p]["histogram"])[: len(at)] for p in ("off", "on")]
         shapes = np.array([[np.interp(at / s, at, h) for s in STRETCHES] for h in histograms])
@@ -210,7 +210,7 @@ class Scored:
     def __post_init__(self):
         self.seen = seen(self.events, self.disk)
         size = {"width": self.width, "height": self.height, "duration_us": round(self.duration_us)}
-        self.exposure = exposed(pecs.delays(self.events, disk=self.disk.detected, **size))
+        self.exposure = exposed(pecs.delays(self.events, disk=self.disk.detected(), **size))
 
     def scores(self, events: np.ndarray, disk: Disk | None = None) -> dict:
         """Score of each measure [value, ends of its interval]; without ends where there is no interval. `disk`: where

@@ -85,7 +85,9 @@ def test_delays_behind_a_disk(pecs_program, tmp_path):
     other = disk | {"phase_time_us": disk["phase_time_us"] + 60_000}  # of the recording before --rezero
     (tmp_path / "other.json").write_text(json.dumps(other))
     result = pecs_program("compare", *names, "--disk", "other.json", cwd=tmp_path)
-    assert result.returncode == 4 and "other.json: phase_time_us: got " in result.stderr, result.stderr
+    assert result.returncode == 4 and "real.npz: phase_time_us of the disk: got " in result.stderr, result.stderr
+    with pytest.raises(pecs.PecsInputError, match="real: phase_time_us of the disk: got "):
+        pecs.compare(*streams, width=320, height=300, disk=other)
     (tmp_path / "no.json").write_text('{"sectors": 4}')
     result = pecs_program("compare", *names, "--disk", "no.json", cwd=tmp_path)
     assert result.returncode == 4 and "no.json: centre_x" in result.stderr

@@ -55,7 +55,7 @@ struct Comparison {
 };
 
 // `real_name` and `sim_name` are for errors. Throws bad_input when a stream has no events in the window, or the
-// sensors differ in size under the shared normalisation or for delays.
+// sensors differ in size under the shared normalisation or for delays, or the disk's time is not one of `real`.
 Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
                    const CompareOptions& options);
 
