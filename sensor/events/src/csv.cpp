@@ -287,6 +287,8 @@ class TextReader : public EventReader<TextReader> {
                               fmt::format("t_us, t_ms, t_s or t_ns; or {}", kStateTheUnit));
         if (states_unit_) layout_.t_exponent = unit->second;
       }
+      if (layout_.column[field->second] >= 0)
+        throw lines_.damage(fmt::format("a second column of {}, \"{}\"", "txyp"[field->second], word), "one of each");
       layout_.column[field->second] = layout_.columns;
     }
     if (std::ranges::find(layout_.column, -1) != layout_.column.end()) throw lines_.damage(line_, kWanted);

@@ -196,6 +196,7 @@ def test_text_conventions(tmp_path, text):
         ("t_us,x,y\n", "wanted a header line such as t_us,x,y,p"),
         ("t_us,x,y,p\n1,2,3,1\n4,5,x,1\n", r"line 3 \(byte 19\): got 4,5,x,1, wanted t, x, y and p as numbers"),
         ("t_us,x,y,p\n1,2,3\n", "wanted t, x, y and p as numbers"),
+        ("t_us,x,y,p,x_rectified\n1,2,3,1,9\n", 'got a second column of x, "x_rectified", wanted one of each'),
         ("t_us,x,y,p\n1,2,3,1,9\n", "wanted 4 columns"),
         ("t_us,x,y,p\n1,70000,3,1\n", "wanted a pixel"),
         ("t_us,x,y,p\n1,2,3,7\n", "p of -1, 0 or 1"),
