@@ -104,7 +104,7 @@ void run(const CompareArguments& a, Console& console) {
   options.realism = a.realism;
   const auto read = [&](const std::string& file, bool whole) {  // reads only the events that are compared
     return whole || !options.window_us ? events::read_all(file)
-                                       : events::read_part(file, 0, *options.window_us, options.common_origin);
+                                       : events::read_part(file, *options.window_us, options.common_origin);
   };
   events::Stream real = read(a.real, !a.disk.empty()), sim = read(a.sim, false);
   if (!a.disk.empty()) options.disk = disk_of(a.disk, real, a.real);

@@ -60,9 +60,11 @@ CLI::Option* add_wavelength(CLI::App& command, Target& nm, const char* what) {
 void add_film(CLI::App& command, lens::InfoOptions& info) {
   command.add_option("--film-width", info.film_width_mm, "film width")
       ->transform(quantity("mm"))
+      ->check(CLI::Range(1e-3, 1e3))
       ->capture_default_str();
   command.add_option("--film-height", info.film_height_mm, "film height")
       ->transform(quantity("mm"))
+      ->check(CLI::Range(1e-3, 1e3))
       ->capture_default_str();
 }
 

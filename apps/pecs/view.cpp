@@ -18,6 +18,8 @@
 namespace pecs::app {
 namespace {
 
+constexpr double kLongest_us = 1e15;
+
 struct ViewArguments {
   std::string events, output, theme = "light";
   double from_us = 0, to_us = 0, window_us = 0;
@@ -46,7 +48,7 @@ void run(const ViewArguments& a, Console& console) {
       throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted a {}", option->get_name(), a.output, extensions));
 
   const auto to_us = a.to_us > 0 ? std::llround(a.to_us) : std::numeric_limits<std::int64_t>::max();
-  events::Stream stream = a.to_us > 0 ? events::read_part(a.events, 0, to_us) : events::read_all(a.events);
+  events::Stream stream = a.to_us > 0 ? events::read_part(a.events, to_us) : events::read_all(a.events);
   const events::Recording recording = events::recording_of(std::move(stream), a.events, std::llround(a.from_us), to_us);
   const view::Theme& theme = events::theme_of(a.theme);
 
@@ -102,13 +104,18 @@ void add_view(CLI::App& app, Console& console) {
   auto* command = app.add_subcommand("view", "show events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
   add_output(*command, "-o,--output", a->output, "file to write: .png, .mp4 or .html")->required();
-  command->add_option("--from", a->from_us, "start, from the first event")->transform(quantity("us"));
-  command->add_option("--to", a->to_us, "end, from the first event (default: all)")->transform(quantity("us"));
+  command->add_option("--from", a->from_us, "start, from the first event")
+      ->transform(quantity("us"))
+      ->check(CLI::Range(0.0, kLongest_us));
+  command->add_option("--to", a->to_us, "end, from the first event (default: all)")
+      ->transform(quantity("us"))
+      ->check(CLI::Range(1.0, kLongest_us));
   const auto only = [&](const char* extensions, CLI::Option* option) { a->valid_for.emplace_back(option, extensions); };
   only(".png or .mp4",
        command
            ->add_option("--window", a->window_us, "png, mp4: duration of the events in one picture (default: readable)")
-           ->transform(quantity("us")));
+           ->transform(quantity("us"))
+           ->check(CLI::Range(1.0, kLongest_us)));
   only(".png", command->add_option("--count", a->count, "png: number of pictures")
                    ->check(CLI::Range(1, 100))
                    ->capture_default_str());

@@ -47,10 +47,11 @@ std::int64_t extent_us(const std::vector<Event>& events) {
   return end;
 }
 
-StreamSummary summary_of(const std::vector<Event>& events, const Extent& file, std::int64_t curve_us, int bins) {
+StreamSummary summary_of(const std::vector<Event>& events, std::int64_t origin_us, std::int64_t curve_us, int bins) {
   StreamSummary s;
   s.events = events.size();
-  s.t_first_us = file.first_us, s.t_last_us = file.last_us;
+  const auto [first, last] = std::ranges::minmax(events, {}, &Event::t_us);
+  s.t_first_us = origin_us + first.t_us, s.t_last_us = origin_us + last.t_us;
   const double curve_s = static_cast<double>(curve_us) * 1e-6, n = static_cast<double>(events.size());
   s.rate_hz = n / (static_cast<double>(extent_us(events)) * 1e-6);
 
@@ -225,8 +226,9 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   c.chamfer_interval = intervals[0], c.gaussian_interval = intervals[1];
 
   // Rates and polarities, over all pixels.
-  c.real = summary_of(real.events, real_extent, c.curve_us, options.rate_bins);
-  c.sim = summary_of(sim.events, sim_extent, c.curve_us, options.rate_bins);
+  const auto origin_us = [&](const Extent& file) { return options.common_origin ? 0 : file.first_us; };
+  c.real = summary_of(real.events, origin_us(real_extent), c.curve_us, options.rate_bins);
+  c.sim = summary_of(sim.events, origin_us(sim_extent), c.curve_us, options.rate_bins);
   c.on_correlation = correlation(c.real.on_hz, c.sim.on_hz);
   c.off_correlation = correlation(c.real.off_hz, c.sim.off_hz);
   c.rate_correlation = correlation(sum(c.real.on_hz, c.real.off_hz), sum(c.sim.on_hz, c.sim.off_hz));
@@ -249,7 +251,7 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
   // Delays behind the edges of a disk; log_intervals has sorted both streams by time.
   if (options.disk) {
     TurningDisk disk = *options.disk;
-    disk.time_us -= options.common_origin ? 0 : static_cast<double>(real_extent.first_us);
+    disk.time_us -= static_cast<double>(origin_us(real_extent));
     c.delays = compare_delays(real.events, sim.events, c.width, c.height, c.curve_us, disk);
   }
 
@@ -273,7 +275,7 @@ Comparison compare(events::Stream real, const std::string& real_name, events::St
 }
 
 StreamSummary summary_of(const events::Recording& r, int rate_bins) {
-  return summary_of(r.events, {r.first_us, r.first_us + r.span_us - 1}, r.span_us, rate_bins);
+  return summary_of(r.events, r.first_us, r.span_us, rate_bins);
 }
 
 Json to_json(const Comparison& c) {

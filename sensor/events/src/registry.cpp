@@ -155,15 +155,16 @@ Stream read_all(const std::filesystem::path& path, const std::optional<std::stri
   return read_blocks(*open_reader(path, format), [](std::vector<Event>&, std::size_t) {});
 }
 
-Stream read_part(const std::filesystem::path& path, std::int64_t from_us, std::int64_t to_us, bool absolute) {
-  std::optional<std::int64_t> origin_us = absolute ? std::optional<std::int64_t>(0) : std::nullopt;
-  return read_blocks(*open_reader(path), [&](std::vector<Event>& events, std::size_t first) {
-    if (first == events.size()) return;
-    if (!origin_us) origin_us = events.front().t_us;
-    const auto outside = [&](const Event& e) { return e.t_us - *origin_us < from_us || e.t_us - *origin_us >= to_us; };
-    events.erase(std::remove_if(events.begin() + static_cast<std::ptrdiff_t>(first), events.end(), outside),
-                 events.end());
+Stream read_part(const std::filesystem::path& path, std::int64_t to_us, bool absolute) {
+  std::int64_t origin_us = absolute ? 0 : INT64_MAX;
+  const auto outside = [&](const Event& e) { return e.t_us < origin_us || e.t_us - origin_us >= to_us; };
+  Stream stream = read_blocks(*open_reader(path), [&](std::vector<Event>& events, std::size_t first) {
+    const auto added = events.begin() + static_cast<std::ptrdiff_t>(first);
+    for (auto e = added; e != events.end() && !absolute; ++e) origin_us = std::min(origin_us, e->t_us);
+    events.erase(std::remove_if(added, events.end(), outside), events.end());
   });
+  std::erase_if(stream.events, outside);  // a late event has moved the origin
+  return stream;
 }
 
 }  // namespace pecs::events

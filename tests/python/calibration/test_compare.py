@@ -41,7 +41,13 @@ def test_program_says_the_same(pecs_program, tmp_path):
     ours = pecs.compare(*streams, width=64, height=48, normalisation="eq16")
     theirs = json.loads(result.stdout)
     assert theirs == ours
+    streams[0]["t"][:3] = 2000, 1000, 1500  # late ones
+    names[0].write_text("t_us,x,y,p\n" + "".join("{},{},{},{}\n".format(*row) for row in streams[0][list("txyp")]))
+    part = json.loads(pecs_program("compare", *names, "--normalisation", "eq16", "--window", "5ms", "--json").stdout)
+    assert part == pecs.compare(*streams, width=64, height=48, normalisation="eq16", window_us=5000)
+    assert part["real"]["t_last_us"] < part["real"]["t_first_us"] + 5000
     table = pecs_program("compare", *names, "--normalisation", "eq16").stdout
+    ours = pecs.compare(*streams, width=64, height=48, normalisation="eq16")
     assert f"{ours['chamfer']:.4f}" in table and f"{ours['gaussian']:.5f}" in table
 
 

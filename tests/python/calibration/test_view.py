@@ -42,6 +42,9 @@ def test_writes(pecs_program, recording, tmp_path, name, head, options):
     [
         (["-o", "x.gif"], 2, "wanted a name that ends in .png, .mp4 or .html"),
         (["-o", "x.png", "--window", "5px"], 2, "--window"),
+        (["-o", "x.png", "--window=-5ms"], 2, "--window: got -5000, wanted"),
+        (["-o", "x.png", "--from=-5ms"], 2, "--from: got -5000, wanted"),
+        (["-o", "x.png", "--to", "0"], 2, "--to: got 0, wanted"),
         (["-o", "x.png", "--from", "1s"], 4, "got 0 events from 1000000 us"),
         (["-o", "missing/x.png"], 5, "missing/x.png"),
         (["-o", "missing/x.mp4"], 5, "missing/x.mp4"),

@@ -29,7 +29,7 @@ struct CompareOptions {
 
 struct StreamSummary {
   std::size_t events = 0;
-  std::int64_t t_first_us = 0, t_last_us = 0;  // of the whole stream, clock of the file
+  std::int64_t t_first_us = 0, t_last_us = 0;  // of the events that are compared, clock of the file
   double rate_hz = 0;                          // events per second, from the origin to the last event in the window
   double on_fraction = 0;
   std::optional<double> interval_median_us;  // between consecutive events of a pixel

@@ -121,7 +121,7 @@ struct Stream {
   std::vector<Event> events;
 };
 Stream read_all(const std::filesystem::path& path, const std::optional<std::string>& format = {});
-// Holds only the events in [from_us, to_us), relative to the file's first event or, with `absolute`, to t = 0.
-Stream read_part(const std::filesystem::path& path, std::int64_t from_us, std::int64_t to_us, bool absolute = false);
+// Holds only the events in [0, to_us), relative to the file's least time or, with `absolute`, to t = 0.
+Stream read_part(const std::filesystem::path& path, std::int64_t to_us, bool absolute = false);
 
 }  // namespace pecs::events
