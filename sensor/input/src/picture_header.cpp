@@ -1,8 +1,12 @@
 #include "picture_header.h"
 
+#include <libdeflate.h>
+
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <fstream>
+#include <memory>
 #include <sstream>
 #include <string>
 
@@ -39,6 +43,48 @@ double aspect_of(double per_width, double per_height) {
 }
 
 constexpr int kMostParts = 1000;  // chunks, segments or entries that precede the picture
+constexpr std::size_t kMostProfile = std::size_t{1} << 22;
+
+// Exponent of the curve of an ICC profile (ISO 15076-1) at half of the values: that of green, or of grey. 0: none.
+double gamma_of_icc(std::string_view icc) {
+  const auto number = [&](std::size_t at, std::size_t size) {
+    std::uint32_t value = 0;
+    for (std::size_t i = at; i < at + size; ++i)
+      value = value << 8 | (i < icc.size() ? static_cast<unsigned char>(icc[i]) : 0u);
+    return value;
+  };
+  const auto fixed = [&](std::size_t at) { return static_cast<std::int32_t>(number(at, 4)) / 65536.0; };
+  const auto is = [&](std::size_t at, std::string_view name) { return at < icc.size() && icc.substr(at, 4) == name; };
+  for (std::size_t tag = 132; tag < 132 + 12 * std::min(100u, number(128, 4)); tag += 12) {
+    if (!is(tag, "gTRC") && !is(tag, "kTRC")) continue;
+    const std::size_t at = number(tag + 4, 4), count = number(at + 8, 4);
+    double half = 0;  // the curve's value at one half
+    if (is(at, "para")) {
+      const std::uint32_t kind = number(at + 8, 2);
+      const double a = kind > 0 ? fixed(at + 16) : 1, b = kind > 0 ? fixed(at + 20) : 0;
+      const double added = kind == 2 ? fixed(at + 24) : kind == 4 ? fixed(at + 32) : 0;
+      half = std::pow(std::max(0.0, 0.5 * a + b), fixed(at + 12)) + added;
+    } else if (is(at, "curv") && count < 2) {
+      return count == 0 ? 1 : number(at + 12, 2) / 256.0;
+    } else if (is(at, "curv")) {
+      half = (number(at + 12 + (count - 1) / 2 * 2, 2) + number(at + 12 + count / 2 * 2, 2)) / 131070.0;
+    }
+    return half > 0 && half < 1 ? std::log(half) / std::log(0.5) : 0;
+  }
+  return 0;
+}
+
+// A name, a zero, the method and the profile, compressed.
+std::string icc_of_png(std::string_view chunk) {
+  const std::size_t begin = std::min(chunk.find('\0'), chunk.size() - std::min<std::size_t>(2, chunk.size())) + 2;
+  const std::unique_ptr<libdeflate_decompressor, decltype(&libdeflate_free_decompressor)> inflate(
+      libdeflate_alloc_decompressor(), &libdeflate_free_decompressor);
+  std::string out(std::min(kMostProfile, 1100 * chunk.size()), '\0');
+  std::size_t got = 0;
+  libdeflate_zlib_decompress(inflate.get(), chunk.data() + begin, chunk.size() - begin, out.data(), out.size(), &got);
+  out.resize(got);
+  return out;
+}
 
 PictureHeader of_png(Bytes& file) {
   PictureHeader out;
@@ -49,7 +95,9 @@ PictureHeader of_png(Bytes& file) {
     const std::string type = file.text(at + 4, 4);
     if (type == "IDAT" || type == "IEND") break;
     out.alpha |= type == "tRNS";
-    if (type == "gAMA") out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
+    if (type == "gAMA" && out.gamma == 0) out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
+    if (type == "iCCP" && size < kMostProfile)
+      if (const double gamma = gamma_of_icc(icc_of_png(file.text(at + 8, size))); gamma > 0) out.gamma = gamma;
     if (type == "pHYs") out.pixel_aspect = aspect_of(file.number(at + 8, 4, true), file.number(at + 12, 4, true));
     at += 12 + std::uint64_t{size};
   }
@@ -58,8 +106,8 @@ PictureHeader of_png(Bytes& file) {
 
 // TIFF 6.0: the entries of the first directory. Exif has the same in a JPEG file, from `start` on.
 PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
-  constexpr int kWidth = 256, kHeight = 257, kPhotometric = 262, kXResolution = 282, kYResolution = 283,
-                kExtraSamples = 338;
+  constexpr int kWidth = 256, kHeight = 257, kPhotometric = 262, kOrientation = 274, kXResolution = 282,
+                kYResolution = 283, kExtraSamples = 338, kProfile = 34675;
   const bool big = file.text(start, 2) == "MM";
   const auto entries_of = [&](std::uint64_t directory) { return file.number(directory, 2, big); };
   const auto size_of = [&](std::uint64_t directory) {
@@ -78,6 +126,9 @@ PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
     const std::uint64_t at = directory + 2 + 12 * i;
     const std::uint32_t tag = file.number(at, 2, big);
     out.alpha |= tag == kExtraSamples;
+    out.turned |= tag == kOrientation && file.number(at + 8, 2, big) > 1;
+    if (const std::size_t size = file.number(at + 4, 4, big); tag == kProfile && size < kMostProfile)
+      out.gamma = gamma_of_icc(file.text(start + file.number(at + 8, 4, big), size));
     out.white_is_zero |= tag == kPhotometric && file.number(at + 8, 2, big) == 0;
     if (tag != kXResolution && tag != kYResolution) continue;
     const std::uint64_t rational = start + file.number(at + 8, 4, big);
@@ -112,6 +163,8 @@ PictureHeader of_jpeg(Bytes& file) {
       out.pixel_aspect = aspect_of(file.number(at + 12, 2, true), file.number(at + 14, 2, true));
     if (kind == 0xe1 && file.text(at + 4, 4) == "Exif" && out.pixel_aspect == 1)
       out.pixel_aspect = of_tiff(file, at + 10).pixel_aspect;
+    if (kind == 0xe2 && file.text(at + 4, 12) == std::string("ICC_PROFILE\0", 12) && out.gamma == 0)  // its first part
+      out.gamma = gamma_of_icc(file.text(at + 18, file.number(at + 2, 2, true)));
     at += 2 + file.number(at + 2, 2, true);
   }
   return out;
@@ -119,8 +172,19 @@ PictureHeader of_jpeg(Bytes& file) {
 
 PictureHeader of_webp(Bytes& file) {
   const std::string kind = file.text(12, 4);
-  return {.alpha = (kind == "VP8X" && file.number(20, 1, false) & 0x10) ||
-                   (kind == "VP8L" && file.number(24, 1, false) & 0x10)};
+  PictureHeader out{.alpha = (kind == "VP8X" && file.number(20, 1, false) & 0x10) ||
+                             (kind == "VP8L" && file.number(24, 1, false) & 0x10)};
+  std::uint64_t at = 12;
+  for (int i = 0; i < kMostParts && kind == "VP8X"; ++i) {
+    const std::string type = file.text(at, 4);
+    const std::uint32_t size = file.number(at + 4, 4, false);
+    if (type == std::string(4, '\0')) break;
+    const std::uint64_t exif = at + 8 + (file.text(at + 8, 4) == "Exif" ? 6 : 0);
+    if (type == "EXIF") out.turned = of_tiff(file, exif).turned;
+    if (type == "ICCP") out.gamma = gamma_of_icc(file.text(at + 8, std::min<std::size_t>(size, kMostProfile)));
+    at += 8 + std::uint64_t{size} + size % 2;
+  }
+  return out;
 }
 
 }  // namespace
@@ -129,7 +193,11 @@ PictureHeader picture_header(const std::filesystem::path& path) {
   Bytes file(path);
   const std::string head = file.text(0, 12);
   if (head.starts_with("\x89PNG")) return of_png(file);
-  if (head.starts_with(std::string("II*\0", 4)) || head.starts_with(std::string("MM\0*", 4))) return of_tiff(file);
+  if (head.starts_with(std::string("II*\0", 4)) || head.starts_with(std::string("MM\0*", 4))) {
+    PictureHeader out = of_tiff(file);
+    out.turned = false;  // OpenCV turns it
+    return out;
+  }
   if (head.starts_with("\xff\xd8")) return of_jpeg(file);
   if (head.starts_with("BM")) return {aspect_of(file.number(38, 4, false), file.number(42, 4, false))};
   if (head[0] == 'P' && std::string("2356").find(head[1]) != std::string::npos) return of_pnm(file);

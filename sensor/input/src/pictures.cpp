@@ -191,7 +191,9 @@ class Folder final : public Pictures {
     if (header.white_is_zero && picture.depth() != CV_8U) reject("photometric", "white is 0", "black is 0");
     constexpr double kOfSrgb = 2.2, kSame = 0.05;
     if (is_srgb_by_default_ && header.gamma > 0 && std::abs(header.gamma - kOfSrgb) > kSame)
-      reject("gAMA", fmt::format("gamma {:.3g}", header.gamma), "2.2, or --colorspace (gamma:G, linear, srgb)");
+      reject("transfer curve", fmt::format("gamma {:.3g}", header.gamma),
+             "2.2, or --colorspace (gamma:G, linear, srgb)");
+    if (header.turned) reject("Exif", "an orientation", "WebP pictures that are turned themselves");
     if (const int depth = picture.depth(); depth != CV_8U && depth != CV_16U && depth != CV_32F && depth != CV_64F)
       reject("values", cv::depthToString(depth), "unsigned integers of 8 or 16 bits, or floating point");
     if (const int white = picture.depth() == CV_8U ? 255 : 65535; header.white > 0 && header.white != white)

@@ -283,10 +283,41 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
         "long": "0.tif: values: got CV_32S, wanted",
         "pages": "0.tif: got several pictures, wanted one",
         "inverse": "0.tif: photometric: got white is 0, wanted black is 0",
-        "linear": "0.png: gAMA: got gamma 1, wanted 2.2, or --colorspace",
+        "linear": "0.png: transfer curve: got gamma 1, wanted 2.2, or --colorspace",
     }.items():
         refused(pecs_program, tmp_path / name, words, "--fps", 1000)
     refused(pecs_program, tmp_path / "linear", "frames: got 1", "--fps", 1000, "--colorspace", "linear")
+
+
+def icc(kind):
+    """A profile with a curve of green."""
+    curve = {
+        "linear": b"curv" + struct.pack(">4xI", 0),
+        "1.8": b"curv" + struct.pack(">4xIH", 1, round(1.8 * 256)),
+        "table": b"curv" + struct.pack(">4xI1024H", 1024, *np.linspace(0, 65535, 1024).astype(int)),
+        "srgb": b"para"
+        + struct.pack(">4xH2x5i", 3, *(round(65536 * v) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))),
+    }[kind] + np.random.default_rng(1).bytes(2000)  # libpng warns of streams that are very short
+    head = (144 + len(curve), b"mntr", b"RGB ", b"XYZ ", b"acsp", 63190, 65536, 54061, 1, b"gTRC", 144, len(curve))
+    return struct.pack(">I8x4s4s4s12x4s28x3i48xI4sII", *head) + curve
+
+
+@pytest.mark.parametrize("end", ["png", "tif", "jpg", "webp"])
+def test_the_curve_of_a_profile(tmp_path, pecs_program, end):
+    """Raw developers write linear pictures of integers, which were decoded as sRGB."""
+    image = pytest.importorskip("PIL.Image")
+    for kind, gamma in {"linear": 1, "1.8": 1.8, "table": 1, "srgb": None}.items():
+        (tmp_path / kind).mkdir()
+        picture = image.fromarray(np.repeat(np.round(255 * srgb_of(FRAMES[0])).astype(np.uint8)[..., None], 3, 2))
+        picture.save(tmp_path / f"{kind}/0.{end}", icc_profile=icc(kind))
+        words = f"0.{end}: transfer curve: got gamma {gamma}, wanted 2.2" if gamma else "frames: got 1, wanted"
+        refused(pecs_program, tmp_path / kind, words, "--fps", 1000)
+    turned = image.Exif()
+    turned[274] = 6
+    (tmp_path / "turned").mkdir()
+    picture.save(tmp_path / f"turned/0.{end}", exif=turned)
+    words = "0.webp: Exif: got an orientation, wanted WebP" if end == "webp" else "frames: got 1, wanted"
+    refused(pecs_program, tmp_path / "turned", words, "--fps", 1000)
 
 
 # --- OpenEXR ----------------------------------------------------------------------------------------------------------
