@@ -97,7 +97,9 @@ class Clips(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             if min(height, width) < config.crop:
                 got = f"pictures of {width} x {height}"
                 raise PecsInputError(f"clips: got {got}, wanted {config.crop} px each way, or less --crop")
-            count = (n - 1) // max(1, round(WINDOW_US[0] / max(_interval_us(source), 1)))
+            interval_us = max(_interval_us(source), 1)
+            seen = n - 1 - int(late_us(source.corner_hz) // interval_us)  # intervals whose events come before the end
+            count = max(0, seen) // max(1, round(WINDOW_US[0] / interval_us))
             steps = max(steps, count)
             if count >= config.windows:
                 self.sources.append(source)

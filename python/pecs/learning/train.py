@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -180,14 +181,20 @@ def _claimed(run: Path, config: TrainConfig) -> Iterator[None]:
 def _claim(run: Path, config: TrainConfig) -> None:
     wanted = json.loads(json.dumps(asdict(config)))
     TrainConfig.read(Fields(wanted, "train"))
+    now = {"pecs": version(), "torch": torch.__version__}
     if (run / CONFIG).exists():
-        there = asdict(TrainConfig.read(_config(run).table("config")))
+        top = _config(run)
+        there = asdict(TrainConfig.read(top.table("config")))
         for key in wanted:
             if there[key] != wanted[key]:
                 got = f"{key}: got {there[key]!r}, wanted {wanted[key]!r}"
                 raise PecsOutputError(f"{run / CONFIG}: {got}, or another folder")
+        if (began := top.content.get("versions")) != now:
+            warnings.warn(
+                f"{run}: versions: began with {began}, continues with {now}: no repeatable training", stacklevel=2
+            )
         return
-    write_json(run / CONFIG, {"config": wanted, "versions": {"pecs": version(), "torch": torch.__version__}})
+    write_json(run / CONFIG, {"config": wanted, "versions": now})
 
 
 def _config(run: Path) -> Fields:
