@@ -151,6 +151,8 @@ TEST(Stages, AFlashBeyondTheLimit) {
     EXPECT_NEAR(static_cast<double>(std::ranges::count_if(
                     out.events, [&](const Event& e) { return e.t_us >= 1'000 + t && e.t_us < 1'010 + t; })),
                 400, 1);
+  const Events around_0 = {{-150, 3, 3, 1}, {-2, 3, 3, 1}, {-1, 3, 3, 1}, {0, 3, 3, 1}, {199, 3, 3, 1}, {200, 3, 3, 1}};
+  EXPECT_EQ(times(filtered(limited(1e4), around_0).events), (std::vector<std::int64_t>{-2, -1, 0, 199, 200}));
 }
 
 TEST(Stages, RegionsAndMask) {

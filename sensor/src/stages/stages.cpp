@@ -16,6 +16,9 @@ std::size_t pixels_of(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
+// Number of an event's period; times may be below 0.
+std::int64_t erc_period(const Event& e) { return (e.t_us - (e.t_us < 0 ? kErcPeriod_us - 1 : 0)) / kErcPeriod_us; }
+
 constexpr std::int64_t kLongAgoUs = std::numeric_limits<std::int64_t>::min() / 4;
 
 }  // namespace
@@ -172,8 +175,7 @@ void EventStages::after_readout(LabelledEvents& labelled, bool last, std::vector
   const bool has_causes = !labelled.causes.empty();
   for (std::size_t i = 0; i < labelled.events.size(); ++i) {
     const Event& e = labelled.events[i];
-    if (most_ && !held_.empty() && e.t_us / kErcPeriod_us != held_.front().event.t_us / kErcPeriod_us)
-      release(out, dropped);
+    if (most_ && !held_.empty() && erc_period(e) != erc_period(held_.front().event)) release(out, dropped);
     held_.push_back({e, has_causes ? labelled.causes[i] : Cause::signal, stage_of(e)});
   }
   if (last || !most_) release(out, dropped);
