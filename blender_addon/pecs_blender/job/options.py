@@ -22,6 +22,7 @@ MOST_BANDS = 256
 MOST_PX = 8192  # of a stack, each way
 ENGINES = ("cycles", "eevee")
 CYCLES_ONLY = ("no_denoise", "light_tree", "noise_events", "device", "seed", "moving_px")
+LENS_ONLY = ("stop_diameter_mm", "focus_m", "focus_bands_nm", "film_shift_mm", "film_tilt_deg")
 DEVICES = ("CPU", "CUDA", "OPTIX", "HIP", "ONEAPI", "METAL")
 
 

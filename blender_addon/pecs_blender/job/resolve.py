@@ -19,7 +19,7 @@ from ..scene.source import Source
 from ..scene.timeline import Instants, timeline
 from ..spectral.bands import TOLERANCE, Bands
 from ..spectral.spectra import spectrum
-from .options import CYCLES_ONLY, DEFAULTS, MOST_PX, Options
+from .options import CYCLES_ONLY, DEFAULTS, LENS_ONLY, MOST_PX, Options
 
 TIME_TOLERANCE = 0.5  # of ln(photocurrent) between keyframes, in contrast thresholds
 
@@ -47,6 +47,9 @@ def resolve(options: Options, source: Source) -> Plan:
     )
     if view.path:
         view.path.check(instants.grid)
+    recorded = options.recorded() | {"film_width_mm": view.film_width_mm, "subpixels": view.subpixels}
+    if not _has_pinhole(options, source):
+        del recorded["focal_mm"]
     needs_motion = options.is_adaptive and "motion" not in options.layers
     return Plan(
         view=view,
@@ -55,7 +58,7 @@ def resolve(options: Options, source: Source) -> Plan:
         instants=instants,
         light=not options.no_light,
         layers=(*options.layers, "motion") if needs_motion else options.layers,
-        recorded=options.recorded() | {"film_width_mm": view.film_width_mm, "subpixels": view.subpixels},
+        recorded=recorded,
         verbosity={"quiet": options.quiet, "verbose": options.verbose},
     )
 
@@ -81,6 +84,23 @@ def _view(options: Options, source: Source, chip: pecs.Chip) -> View:
         moving_px=_moving_px(options.moving_px, pixels, subpixels),
         path=read_camera_path(Path(options.camera_path)) if options.camera_path else None,
     )
+
+
+def _has_pinhole(options: Options, source: Source) -> bool:
+    """Whether the renderer makes a pinhole. Refuses options of a lens without one, and those of a pinhole."""
+    through_lens = (options.lens or source.lens["lens"]) != "none"
+    pinhole = not through_lens and source.own_camera is None
+    for name in LENS_ONLY if not through_lens else ():
+        if given(options, name):
+            raise UsageError(f"{flag(name)} requires a --lens: the render has none")
+    if not pinhole and given(options, "focal_mm"):
+        raise UsageError("--focal requires a scene folder with --lens none: the render has no pinhole")
+    return pinhole
+
+
+def given(options: Options, name: str) -> bool:
+    value = getattr(options, name)
+    return (tuple(value) if isinstance(value, list) else value) != DEFAULTS[name]
 
 
 def _bands(options: Options, source: Source, chip: pecs.Chip) -> Bands:
@@ -121,7 +141,7 @@ def film_width_mm_of(chip: pecs.Chip, width: int) -> float:
 
 def _check(options: Options) -> None:
     for name in CYCLES_ONLY if options.engine != "cycles" else ():
-        if getattr(options, name) != DEFAULTS[name]:
+        if given(options, name):
             raise UsageError(f"{flag(name)} requires --engine cycles")
     if options.bands is None and options.placement != "means":
         raise UsageError(f"--placement {options.placement} requires a number of --bands")

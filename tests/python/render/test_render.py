@@ -120,6 +120,7 @@ def test_film_irradiance_follows_from_the_radiance(disk):
     window = np.s_[0, :, 80:100, 130:160]
     ratio = lens[window].mean(axis=(1, 2)) / pinhole[window].mean(axis=(1, 2))
     assert ratio == pytest.approx(np.array(stack["lens"]["e0"]), rel=0.02)
+    assert "focal_mm" not in stack["render"]  # of a pinhole
     # paraxial: E0 = pi sin^2 = pi / (4 N^2 + 1)
     assert stack["lens"]["e0"][1] == pytest.approx(np.pi / (4 * stack["lens"]["fnumber"] ** 2 + 1), rel=0.1)
 
@@ -145,6 +146,9 @@ def test_a_static_scene_is_bit_identical_and_gives_no_events(render, pecs_progra
         (["--set", "white_reflectance=snow"], 3),
         (["--frames", "period", "--set", "rpm=0"], 2),
         (["--lens", "no_such_lens"], 3),
+        (["--lens", "none", "--focus", "1m"], 2),
+        (["--lens", "none", "--film-shift", "0.1", "0"], 2),
+        (["--focal", "20mm"], 2),
         (["--chip", "no_such_chip"], 3),
     ],
     ids=lambda v: " ".join(v) if isinstance(v, list) else "",
