@@ -38,7 +38,7 @@ EXAMPLES = (
 )
 MAX_BYTES = 1 << 26
 LARGE_MISFIT = 5.0
-CHIP, DAVIS_CHIP = "imx636", "davis346"
+CHIP = "imx636"
 OTHERS = (  # options that --davis does not take
     "steps", "still", "stimulus", "disk", "flash", "edges", "region", "photocurrent", "irradiance", "wavelength",
     "pixel_map",
@@ -86,7 +86,7 @@ def _parser() -> Parser:
     parser.add_argument("--davis", type=Path, metavar="RECORDING", help=about)
     about = "a bright lamp that switches before the whole sensor: the readout"
     parser.add_argument("--flash", type=Path, metavar="FILE", help=about)
-    about = "starting profile, a name or a file (default: imx636; with --davis: davis346)"
+    about = "starting profile, a name or a file (default: imx636; with --davis: davis346, or davis240c for its size)"
     parser.add_argument("--chip", help=about)
     about = "text file of the times of the switches in us, a line each, from one to the first level on (one --steps)"
     parser.add_argument("--edges", type=Path, metavar="FILE", help=about)
@@ -151,10 +151,9 @@ def _fit_davis(args: argparse.Namespace, progress: Callable[[int], object]) -> F
     for name in OTHERS:
         if getattr(args, name):
             raise UsageError(f"fit: got --davis and --{name.replace('_', '-')}, wanted --davis alone")
-    chip = args.chip or DAVIS_CHIP
-    check_outputs([args.davis, Path(chip)], [args.output, args.report, args.numbers])
+    check_outputs([args.davis, *([Path(args.chip)] if args.chip else [])], [args.output, args.report, args.numbers])
     of = Davis(existing(args.davis, "a recording"))
-    return fit_davis(of, chip, keep=args.keep, pixels=args.pixels, seed=args.seed, progress=progress)
+    return fit_davis(of, args.chip, keep=args.keep, pixels=args.pixels, seed=args.seed, progress=progress)
 
 
 def _fit_recordings(args: argparse.Namespace, progress: Callable[[int], object]) -> Fitted:
@@ -201,13 +200,15 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
     for file, moving in found.moving.items():
         if moving.correlation < FULL_CORRELATION:
             why = f"got a correlation of {moving.correlation:.3f} of frames and events, wanted {FULL_CORRELATION:g}"
-            line.note(f"pecs: fit: {file}: {why} or more: the thresholds are uncertain (5 s of motion, sharp frames?)")
+            why += " or more: the thresholds are uncertain (5 s of motion, sharp frames?)"
+            line.note(f"pecs: warning: {file}: {why}")
         if moving.unseen:
             why = f"got no events between the exposures ({100 * moving.unseen:.0f} % of the time)"
-            line.note(f"pecs: fit: {file}: {why}: the thresholds are too large by up to this share (events cut off?)")
+            why += ": the thresholds are too large by up to this share (events cut off?)"
+            line.note(f"pecs: warning: {file}: {why}")
     if found.misfit is not None and found.misfit > LARGE_MISFIT:
         why = f"the recordings and the model differ by {found.misfit:.1f} times the noise; the values are not reliable"
-        line.note(f"pecs: fit: {why} (levels, edges, region?)")
+        line.note(f"pecs: warning: {why} (levels, edges, region?)")
     found.write(args.output)
     if args.report:
         report.write(found, args.report)
@@ -231,10 +232,11 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
             f"pixel map: thresholds of {w}x{h} pixels from {x},{y}, within {on:.1f} % (ON) and {off:.1f} % (OFF){hot}"
         )
     for file, moving in found.moving.items():
-        print(f"{file}: {moving.pairs} pairs of frames, whose changes the events explain ({moving.correlation:.2f})")
+        by = f"correlation of their changes and the events' {moving.correlation:.3f}"
+        print(f"{file}: {moving.pairs} pairs of frames, {by}")
     count = f"{len(found.files)} recording{'s' * (len(found.files) > 1)}"
     misfit = "no still light" if found.misfit is None else f"misfit {found.misfit:.2f} (1: as the noise)"
-    print(f"{args.output}: fitted to {count}, {misfit}")
+    print(f"{args.output}: {found.chip} fitted to {count}, {misfit}")
 
 
 if __name__ == "__main__":

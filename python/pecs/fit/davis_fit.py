@@ -38,7 +38,7 @@ Values = dict[str, Value]
 
 def fit_davis(
     of: Davis,
-    chip: str | Path = "davis346",
+    chip: str | Path | None = None,
     *,
     keep: Sequence[str] = (),
     pixels: int = 1024,
@@ -52,7 +52,7 @@ def fit_davis(
     of : Davis
         AEDAT4, a ROS bag, or a folder with events and images.txt or exposures.csv.
     chip : str or path
-        Starting profile, with `frames`. Default "davis346".
+        Starting profile, with `frames`. Default "davis240c" for recordings of 240x180 pixels, otherwise "davis346".
     keep : sequence of str
         Keys of the profile that stay as they are. Default none.
     pixels : int
@@ -74,12 +74,14 @@ def fit_davis(
         The chip takes no frames, or a key of `keep` does not exist.
     """
     optional_module("scipy", "SciPy", "pecs fit", "fit")
+    loaded = None if chip else load_davis(of)
+    chip = chip_of(loaded.shape) if loaded else chip
     base = {key: float(entry["value"]) for key, entry in Chip(chip).info["values"].items()}
     if "frame_period_s" not in base:
         raise UsageError(f"fit: {chip}: got a chip without frames, wanted davis240c, davis346 or a profile like them")
     for key in set(keep) - set(base):
         raise UsageError(f"fit: keep: got {key}, wanted one of {', '.join(sorted(base))}")
-    found = find_exposures(load_davis(of))
+    found = find_exposures(loaded or load_davis(of))
     height, width = found.shape
     if width > base["width"] or height > base["height"]:
         got = f"{width}x{height} pixels"
@@ -119,6 +121,11 @@ def fit_davis(
     return out
 
 
+def chip_of(shape: tuple[int, int]) -> str:
+    """Name of the profile for frames [height, width]."""
+    return "davis240c" if shape == (180, 240) else "davis346"
+
+
 def _of_frames(of: DavisEvents, moving: Moving, base: dict[str, float]) -> Values:
     """The clock of the frames, as stamped or found."""
     period_s, length_us = 1e-6 * of.period_us, of.end_us - of.begin_us
@@ -133,7 +140,7 @@ def _of_frames(of: DavisEvents, moving: Moving, base: dict[str, float]) -> Value
     else:
         out["frame_exposure_s"] = kept(base["frame_exposure_s"], "neither stamps nor bursts show it")
     offset = moving.black * (2 ** base["frame_adc_bits"] - 1)
-    out["frame_offset_dn"] = kept(base["frame_offset_dn"], f"{offset:.0f} DN with the chip's dark current")
+    out["frame_offset_dn"] = kept(base["frame_offset_dn"], f"the frames have {offset:.0f}, dark current included")
     return out
 
 

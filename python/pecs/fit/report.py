@@ -45,11 +45,12 @@ def write(found: Fitted, path: Path) -> None:
             ["p", "Factor by which the 95 % interval grows when a recording is left out."],
             _constraints(found),
         ]
-    body += [
-        ["h2", "Correlations"],
-        ["p", "Values with a correlation near 1 or -1 are known less well than their combination."],
-        _correlations(found),
-    ]
+    if found.correlations:
+        body += [
+            ["h2", "Correlations"],
+            ["p", "Values with a correlation near 1 or -1 are known less well than their combination."],
+            _correlations(found),
+        ]
     for file, moving in found.moving.items():
         body += _moving(Path(file).name, moving)
     for data, simulated in zip(found.data, found.simulated, strict=True):
@@ -77,7 +78,8 @@ def _values(found: Fitted) -> Node:
     for key, value in sorted(of.items(), key=lambda item: not item[1].fitted):
         low, high = value.interval
         interval = f"{low:.4g} to {high:.4g}" if value.fitted else f"kept: {value.why}"
-        cells = [key, f"{value.value:.4g}", interval, f"{value.start:.4g}" if value.start else ""]
+        start = "" if key in corner else f"{value.start:.4g}"
+        cells = [key, f"{value.value:.4g}", interval, start]
         rows.append(cells if value.fitted else [["td", {"class": "note"}, cell] for cell in cells])
     return table(rows, ["value", "", "95 % interval", "starting profile"])
 

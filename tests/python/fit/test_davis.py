@@ -64,6 +64,10 @@ def test_the_command_writes_a_profile_that_a_chip_reads(recording, tmp_path):
     assert "moving frames" in report.read_text()
 
 
+def test_the_starting_profile_is_that_of_the_size():
+    assert davis_fit.chip_of((180, 240)) == "davis240c" and davis_fit.chip_of((260, 346)) == "davis346"
+
+
 def test_exposures_are_found_where_only_instants_are_known(recording, found, tmp_path):
     """Stamps as those of ROS or images.txt, at any place of the exposure: bursts show begin and end."""
     folder = tmp_path / "stamped"
