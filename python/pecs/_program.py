@@ -6,13 +6,16 @@ import os
 import sys
 from pathlib import Path
 
+from ._errors import PecsNotFoundError
 from ._platform import become, program_file
 
 
 def program() -> Path:
-    """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout. Raises FileNotFoundError if there is
+    """The program `pecs`: that of PECS_PROGRAM, of the wheel, or of the checkout. Raises PecsNotFoundError if there is
     none."""
     if named := os.environ.get("PECS_PROGRAM"):
+        if not Path(named).is_file():
+            raise PecsNotFoundError(f"PECS_PROGRAM: {named}: no such file")
         return Path(named)
     here = Path(__file__).resolve().parent
     file = program_file("pecs")
@@ -23,7 +26,7 @@ def program() -> Path:
             if not os.access(path, os.X_OK):  # Blender's installer unpacks wheels without their modes
                 path.chmod(0o755)
             return path
-    raise FileNotFoundError("no pecs program; looked at " + ", ".join(map(str, tried)) + "; PECS_PROGRAM names one")
+    raise PecsNotFoundError("no pecs program; looked at " + ", ".join(map(str, tried)) + "; PECS_PROGRAM names one")
 
 
 def main() -> None:
