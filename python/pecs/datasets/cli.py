@@ -139,7 +139,7 @@ def _make(plan: Plan, wanted: list[int], output: Path, threads: int, line: Line)
         final = manifest.sequence_folder(output, index)
         fresh = not final.is_dir()
         left = (time.monotonic() - begin) / made * (len(wanted) - done) if made else math.nan
-        more = "" if math.isnan(left) else f", about {left / 60:.0f} min left"
+        more = "" if math.isnan(left) else f", about {max(left / 60, 1):.0f} min left"
 
         def say(step: str, progress: str = "", index: int = index, done: int = done, more: str = more) -> None:
             text = f"dataset: {done + 1}/{len(wanted)}, sequence {index:04d}, {step}"
@@ -178,7 +178,7 @@ def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
         to = output / "exports" / name
         if not (to.is_dir() and read_object(to / writers.REPORT, "an export").get("made_of") == sums):
             _export(output, name, to, line, replace=True)
-    print(f"{output / 'index.html'}: {found.sequences} sequences")
+    print(f"{output / 'index.html'}: {_counted(found.sequences, 'sequence')}")
 
 
 def _export(folder: Path, name: str, output: Path, line: Line, replace: bool = False) -> None:
@@ -187,7 +187,11 @@ def _export(folder: Path, name: str, output: Path, line: Line, replace: bool = F
         line.note(f"{name}: left out: {unfinished} unfinished sequences")
     for gone in report["left_out"]:
         line.note(f"{name}: left out: {gone['what']}: {gone['why']}")
-    print(f"{output}: {name}")
+    print(f"{output}: {name}, {_counted(len(report['sequences']), 'sequence')}")
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def _check(wanted: list[int], output: Path) -> None:
@@ -276,7 +280,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     kind = "keyframes among" if plan.sequence(wanted[0]).is_adaptive else "all of"
     about, each = "about " if len(spaced) < len(wanted) else "", len(wanted) / len(spaced)
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
-    print(f"{len(wanted)} sequences, {stacks} stacks each: {what}")
+    print(f"{_counted(len(wanted), 'sequence')}, {_counted(stacks, 'stack')} each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     made.update((scene, values[:5]) for scene, values in measured.items())
     if not made:

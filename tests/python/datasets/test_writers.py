@@ -263,6 +263,7 @@ def test_ros_images_of_a_davis_are_grey(storage, tmp_path):
         cv2.imwrite(str(folder / f"right/frames/images/frame_{i:08d}.png"), picture)
     (folder / "right/frames/exposures.csv").write_text("index,start_us,end_us\n0,0,10000\n1,43000,47000\n")
     writers.write("ros", [pecs.datasets.Sequence(folder)], tmp_path / "r", storage=storage)
+    assert "frames of camera right" in left_out(writers.write("dsec", [pecs.datasets.Sequence(folder)], tmp_path / "d"))
     with AnyReader([tmp_path / "r" / ("0000.bag" if storage == "ros1" else "0000")]) as reader:
         of_topic = {"/cam1/image_raw": [], "/cam1/exposure": []}
         for c, t_ns, raw in reader.messages(c for c in reader.connections if c.topic in of_topic):
