@@ -27,7 +27,7 @@ def light_rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, 
                 missing = "none: the chip follows at once"
             rows.append((what, missing))
     if (noise := measured["noise_thresholds"]) is not None:
-        rows.append(("render noise", f"{_number(noise) if noise >= 1e-3 else 'below 0.001'} of a threshold"))
+        rows.append(("render noise", f"{_number(noise) if noise >= 1e-3 else '< 0.001'} thresholds"))
     if measured["events_per_s"] is not None and scale == 1:
         count = f"{_number(measured['events_per_s'])}/s" if measured["events_per_s"] else "none (without noise)"
         rows.append(("events", f"{count} over {1e3 * measured['events_over_s']:.3g} ms"))

@@ -126,14 +126,15 @@ class _Pick(Action):
         setattr(context.scene.pecs, self.kind, self.filepath)
 
 
-_FILE = {
-    "filepath": StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"}),
-    "filter_glob": StringProperty(default="*.json", options={"HIDDEN"}),
-}
+def _file(pattern: str) -> dict:
+    return {
+        "filepath": StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"}),
+        "filter_glob": StringProperty(default=pattern, options={"HIDDEN"}),
+    }
 
 
 class PECS_OT_pick_lens(_Pick, bpy.types.Operator):
-    """Choose a lens prescription file"""
+    """Choose a lens prescription: JSON, Zemax (.zmx) or pbrt (.dat)"""
 
     bl_label = "Load Lens File"
     kind = "lens"
@@ -146,8 +147,8 @@ class PECS_OT_pick_chip(_Pick, bpy.types.Operator):
     kind = "chip"
 
 
-PECS_OT_pick_lens.__annotations__ = dict(_FILE)
-PECS_OT_pick_chip.__annotations__ = dict(_FILE)
+PECS_OT_pick_lens.__annotations__ = _file("*.json;*.zmx;*.dat")
+PECS_OT_pick_chip.__annotations__ = _file("*.json")
 
 
 class PECS_OT_use_preset(Action, bpy.types.Operator):

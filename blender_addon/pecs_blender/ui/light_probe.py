@@ -51,10 +51,12 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
 
 
 def measured_with(scene) -> list[str]:
-    """Settings on which the answer depends; it is scaled with the light."""
+    """Settings on which the answer depends; it is scaled with the light, and layers have none."""
     words = settings.render_arguments(scene)
-    at = words.index("--light-scale") if "--light-scale" in words else len(words)
-    return [*words[:at], *words[at + 2 :], *map(str, settings.size(scene))]
+    for name in ("--light-scale", "--layers"):
+        at = words.index(name) if name in words else len(words)
+        del words[at : at + 2]
+    return [*words, *map(str, settings.size(scene))]
 
 
 def rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 
 import bpy
 from pecs._errors import PecsError
@@ -14,6 +15,8 @@ from . import checks, event_operators, event_view, frustum, library, light_probe
 from .background import state
 from .interface import auto, duration, labelled, problem, progress, props, wrapped
 from .presets import PECS_PT_presets
+
+ROW = 28  # characters of a row at the default width of the editor
 
 
 class _RenderTab:
@@ -53,6 +56,8 @@ class PECS_PT_render(_RenderTab, bpy.types.Panel):
         message = "" if state.job else state.message.replace(f"{paths.events(context.scene).parent}/", "")
         engine = {"cycles": "Cycles", "eevee": "EEVEE"}[context.scene.pecs.engine]
         width, height = settings.size(context.scene)
+        if len(message) > ROW and not state.is_error:  # Blender cuts the middle
+            message = re.sub(r"^\S+\.\w+: ", "", message)
         text = message or f"{width} x {height}, {engine}, {_samples(context.scene)} samples"
         row.label(text=text, icon="NONE" if not message else "ERROR" if state.is_error else "INFO")
         row.operator("pecs.message", text="", icon="HELP" if not message else "TEXT", emboss=False)

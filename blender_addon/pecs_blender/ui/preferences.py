@@ -34,12 +34,12 @@ class PecsPreferences(bpy.types.AddonPreferences):
     lens_folder: StringProperty(
         name="Own Lenses",
         subtype="DIR_PATH",
-        description="Folder with lens prescriptions (.json), offered beside those of PECS",
+        description="Folder with lens prescriptions (.json) for the lens menu",
     )
     chip_folder: StringProperty(
         name="Own Chips",
         subtype="DIR_PATH",
-        description="Folder with chip profiles (.json), offered beside those of PECS",
+        description="Folder with chip profiles (.json) for the chip menu",
     )
 
     def draw(self, _context) -> None:

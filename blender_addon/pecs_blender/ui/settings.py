@@ -327,7 +327,7 @@ class PecsSettings(bpy.types.PropertyGroup):
     )
     last_stack: StringProperty(options={"HIDDEN"})  # folder of the last new version
     exists: EnumProperty(
-        name="If It Differs",
+        name="Old Stack",
         items=[
             ("overwrite", "Overwrite", "Replace the stack"),
             ("new", "New Version", "Write another stack with the suffix _002, _003, …"),
