@@ -1,10 +1,8 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Pictures of results, each from what its study or bench wrote.
 
-scripts/pictures/results.py bands out/ablation/ablation.json    docs/concepts/bands.svg
 scripts/pictures/results.py floor out/sequences/table1.json    docs/concepts/floor.svg
 scripts/pictures/results.py keyframes REPORT    docs/studies/keyframes.svg, of scripts/bench/motion.py
-scripts/pictures/results.py video out/room_panned.video   docs/reference/video.png, of studies/ordinary_video.py
 scripts/pictures/results.py over_light    docs/studies/{latency,noise}_over_light.png
 scripts/pictures/results.py fitted R_360_L.hdf5    docs/studies/fitted.webp
 """
@@ -22,40 +20,6 @@ from pecs_lab.measure import command
 from PIL import Image, ImageDraw, ImageFont
 
 COLOURS = {"on": ON, "off": OFF}
-
-
-def bands(ablation: Path) -> None:
-    """RMS error of ln(photocurrent) of the ColorChecker over the number of bands."""
-    found = [row for row in json.loads(ablation.read_text())["bands"] if row["scene"] == "colour"]
-    fig, axes = figure()
-    for placement, name, colour in (("means", "means over", INK), ("gauss", "Gauss", ON), ("uniform", "uniform", GREY)):
-        rows = [row for row in found if row["placement"] == placement and row["n"] <= 31]
-        error = [row["log_rms_percent"] for row in rows]
-        axes.loglog([row["n"] for row in rows], error, "o-", color=colour, label=f"{name} bands")
-    axes.set(xlabel="number of bands", ylabel="error of ln(light) (%)")
-    axes.set_xticks([1, 3, 6, 12, 31], labels=["1", "3", "6", "12", "31"])
-    axes.minorticks_off()
-    axes.legend()
-    save(fig, ROOT / "docs/concepts/bands.svg")
-
-
-def video(folder: Path, *, fps: int = 30, begin_us: int = 208_000, length_us: int = 8000) -> None:
-    """Events between two frames: of the scene, of the frames alone, and with flow; unsure ones are grey."""
-    panels = []
-    for name in ("truth", f"no_flow_{fps}", f"flow_{fps}"):
-        events = pecs.read(folder / f"{name}.npz")
-        unsure = np.zeros(len(events), bool)
-        if name.startswith("flow"):
-            unsure = np.load(folder / f"labels_{fps}.npy") == pecs.sensor.LABELS.index("unsure")
-        panel = np.full((events.height, events.width, 3), 255, np.uint8)
-        now = (events["t"] >= begin_us) & (events["t"] < begin_us + length_us)
-        for some, colour in ((unsure, GREY), (~unsure & (events["p"] == 0), OFF), (~unsure & (events["p"] == 1), ON)):
-            rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-            panel[events["y"][now & some], events["x"][now & some]] = rgb
-        panels.append(np.pad(panel, ((0, 0), (0, 6), (0, 0)), constant_values=255))
-    Image.fromarray(np.hstack(panels)).resize((1476, 360), Image.Resampling.NEAREST).save(
-        ROOT / "docs/reference/video.png"
-    )
 
 
 def floor(table1: Path) -> None:
@@ -161,12 +125,10 @@ def fits(recording: Path) -> None:
 
 def main(name: str, source: Path | None = None) -> None:
     draw = {
-        "bands": bands,
         "floor": floor,
         "keyframes": keyframes,
         "over_light": lights,
         "fitted": fits,
-        "video": video,
     }[name]
     draw(*([source] if source else []))
 

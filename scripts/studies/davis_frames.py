@@ -6,8 +6,8 @@ in us, x, y, p) and frames/NNNN.png. Window k begins with the exposure of frame 
 
 still: windows 32 to 34, the light of the mean frame. moving: the sharp frames as one texture, moved to where the events
 of each 4 ms have its edges; thresholds and numbers of events have no part in that. A lamp flickers in both. cups:
-a DAVIS346 with exposures_us.csv (in FOLDER); all frames are blurred, and deconvolved along such a path. readout: the
-order in which events leave the chip, of either recording. --windows: first and last of moving.
+a DAVIS346 with exposures_us.csv (in FOLDER); all frames are blurred, and deconvolved along such a path. --windows:
+first and last of moving.
 """
 
 from pathlib import Path
@@ -301,55 +301,11 @@ def cups(folder, seed):
     print_moving(int(numbers[0]), (scores(k) for k in range(len(frames))))
 
 
-def readout(folder):
-    """Steps from a line that is read (its events are in succession) to the next, by the highest level of the binary
-    tree of line numbers that they cross: level 0 joins lines 2n and 2n + 1. Steps are short or multiples of a pause."""
-    events = np.load(folder / "events.npz")
-    name = max("xy", key=lambda c: np.mean(np.diff(events[c]) == 0))
-    line, t_us = events[name].astype(int), events["t"].astype(float)
-    begins = np.flatnonzero(np.diff(line, prepend=-1))
-    n, one_stamp = np.diff(begins), np.mean(np.diff(t_us)[np.diff(line) == 0] == 0)
-    steps_us, (from_line, to_line) = np.diff(t_us[begins]), (line[begins][:-1], line[begins][1:])
-    level = np.frexp((from_line ^ to_line).astype(float))[1] - 1
-    served = (level == 0) & (steps_us < 2 + 0.3 * n)
-    event_us, line_us = np.polyfit(n[served], steps_us[served], 1)
-    pause_us = np.mean(steps_us[(level > 0) & (n == 1) & (steps_us > 2) & (steps_us < 5)]) - line_us - event_us
-    print(f"lines: {name}; events with the stamp of their line's first {one_stamp:.4f}; "
-          f"a line {line_us:.3f} us, an event {event_us:.3f} us, a pause {pause_us:.2f} us")  # fmt: skip
-    pauses = np.maximum(np.rint((steps_us - line_us - event_us * n) / pause_us), 0)
-    print("level   steps  ascending  pauses: mean, 99 %, lines between at most  shares of 0, 1, 2, ... pauses")
-    for k in range(level.max() + 1):
-        mine = pauses[level == k].astype(int)
-        shares = np.bincount(mine, minlength=7)[:7] / len(mine)
-        ascending = np.mean((to_line > from_line)[level == k])
-        print(f"{k:5} {len(mine):7} {ascending:10.3f} {mine.mean():14.2f} {np.quantile(mine, 0.99):6.0f} "
-              f"{2 ** (k + 1) - 2:22}  {np.round(shares, 3)}")  # fmt: skip
-    rate = (np.searchsorted(t_us, t_us + 2000) - np.searchsorted(t_us, t_us - 2000)) / 4000
-    print(
-        "events/us  density of events in the same 4 lines after 40 to 160 us, of the mean from 400 to 800 us; peak [us]"
-    )
-    for low, high in ((0.1, 0.2), (0.2, 0.4), (0.4, 0.7), (0.7, 1), (1, 1.5)):
-        some = np.flatnonzero((rate >= low) & (rate < high) & (t_us < t_us[-1] - 2000))
-        if len(some) < 10000:
-            continue
-        after_us = np.concatenate(
-            [
-                t_us[i:end][line[i:end] // 4 == line[i] // 4] - t_us[i]
-                for i in np.random.default_rng(0).choice(some, 10000, replace=False)
-                for end in [np.searchsorted(t_us, t_us[i] + 800)]
-            ]
-        )
-        density = np.histogram(after_us, np.arange(0, 801, 20))[0]
-        density = density / density[20:].mean()
-        print(f"{low:3} to {high:3}: {density[2:8].mean():.3f}, {20 * np.argmax(density[6:25]) + 130:.0f}")
-
-
 def main(kind: str, recording: Path, *, seed: int = 1, windows: list[int] = (3, 30)) -> None:
     {
         "still": lambda: still(recording, seed),
         "moving": lambda: moving(recording, seed, *windows),
         "cups": lambda: cups(recording, seed),
-        "readout": lambda: readout(recording),
     }[kind]()
 
 

@@ -1,79 +1,51 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
 """Table 1 of the paper: five pixel models on the same rendered frames of each sequence, against the recording where
-there is one, else against `pecs`; and what each part of the chain is worth on R_360_L.
+there is one, else against `pecs`.
 
     scripts/tools/sequences.py all -o out/sequences --coarser 4 -- --bands 3 --samples 4
     scripts/studies/table1.py out/sequences [--real NAME=FILE ...] [--sensor-grid]
-    scripts/studies/table1.py out/chain --parts [--coarser 4]
 
-Writes table1.json and table1.md, or chain.json, into the folder: published numbers, and ours in the paper's arithmetic
+Writes table1.json and table1.md into the folder: published numbers, and ours in the paper's arithmetic
 and in shared normalisation (docs/reference/metrics.md), with 95 % intervals; on the disk, the earth mover's distance of
 the delays, too. A stack coarser than the sensor is compared with the recording's pixels at its pixels' centres, or with
 --sensor-grid its light is interpolated to the sensor's pixels, so that all events count. Default recording:
 ../shared/data/real/R_360_L.hdf5 if there.
-
---parts renders R_360_L five times (whole, without a lens, without diffraction, one band, three single wavelengths;
-uniform steps, 4 samples) and simulates the first with five more sensors. With --coarser 4, 20 minutes of two cores and
-4 GB; each halving takes eight times as long.
 """
 
 import json
-import re
-import subprocess
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pecs
-from pecs._arguments import latest
 from pecs_lab import sequences
 from pecs_lab.disk import Disk
 from pecs_lab.measure import command
-from pecs_lab.report import cell, table, write
+from pecs_lab.report import cell, table
 from pecs_lab.sequences import Sequence
 
 REAL = sequences.ROOT.parent / "shared/data/real/R_360_L.hdf5"
 WIDTH, HEIGHT = 1280, 720  # of the sensor
 DISK_CENTRE_PX, DISK_RADIUS_PX = (956.8, 360.9), 303.0  # as found in R_360_L, and where the scene puts it
-NO_DIFFRACTION = (
-    "import sys; from pecs.lens import Camera; Camera.diffract = lambda *_, **__: None; "
-    "from pecs_blender.cli import main; sys.exit(main(sys.argv[1:]))"
-)
-PECS = ["-m", "pecs_blender"]
-RENDERED = {  # left out: program, options of the render, f-number of a pinhole: the lens's
-    "nothing": (PECS, [], None),
-    "lens (pinhole)": (PECS, ["--lens", "none"], 18.86),
-    "diffraction": (["-c", NO_DIFFRACTION], [], None),
-    "bands (one)": (PECS, ["--bands", "1"], None),
-    "means over bands (three wavelengths)": (PECS, ["--placement", "gauss"], None),
-}
-SENSED = {
-    "amplifier": {"overrides": {"amplifier_cutoff_hz": 0}},
-    "photoreceptor, with its noise": {"overrides": {"corner_hz_per_a": 0, "amplifier_cutoff_hz": 0, "noise_std": 0}},
-    "threshold mismatch": {"overrides": {"threshold_mismatch": 0}},
-    "noise": {"overrides": {"noise_std": 0, "background_on_hz": 0, "background_off_hz": 0}},
-    "readout (ideal)": {"readout": "ideal"},
-}
 KINDS = {"published": "published", "paper": "paper's arithmetic", "shared": "shared"}
 COLUMNS = {f"{m}_{kind}": f"{m.title()}: {title}" for m in ("chamfer", "gaussian") for kind, title in KINDS.items()}
 COLUMNS |= {"delay_on_deg": "delays ON, °", "delay_off_deg": "OFF, °"}
 
 
-def onto_sensor(folder: Path, fnumber: float | None = None) -> Path:
+def onto_sensor(folder: Path) -> Path:
     """A folder whose stack has the sensor's own pixels: light between a coarser stack's pixels is linear, and one band
-    stands for all, with the same photocurrent. fnumber: for a stack of radiance."""
+    stands for all, with the same photocurrent."""
     chip, fine = pecs.Chip("imx636"), folder / "onto_sensor"
     info = json.loads((folder / "stack/stack.json").read_text())
     band = info["bands"][len(info["bands"]) // 2]
     (ampere,) = chip.amperes_per_unit([band])
-    fnumber = {"fnumber": fnumber} if fnumber else {}
-    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None, "quantity": "irradiance"}
+    fine_info = info | {"width": WIDTH, "height": HEIGHT, "bands": [band], "lens": None}
     fine_info["pixel_pitch_m"] = info["pixel_pitch_m"] * info["width"] / WIDTH
     with pecs.StackReader(folder / "stack") as reader, pecs.StackWriter(fine / "stack", fine_info) as writer:
         for i in range(len(info["times_ns"])):
             if not writer.has_frame(i):
-                light = chip.photocurrent(reader, i, **fnumber) / np.float32(ampere)
+                light = chip.photocurrent(reader, i) / np.float32(ampere)
                 grown = cv2.resize(light, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
                 writer.write_frame(i, np.ascontiguousarray(grown[None]))
     return fine
@@ -95,14 +67,14 @@ def scores(sequence: Sequence, reference: np.ndarray, found: np.ndarray) -> dict
     return row
 
 
-def sensed(sequence: Sequence, folder: Path, model: str = "pecs", name: str = "", **options: object) -> np.ndarray:
+def sensed(sequence: Sequence, folder: Path, model: str) -> np.ndarray:
     """Events on the stack's grid; time as in the recording, where there is one."""
-    if model == "icns":  # its photoreceptor follows the light
-        options["parameters"] = {"white_lux": sequence.parameters["illuminance_lux"]}
-    output = folder / f"{name or model}.raw"
+    # The photoreceptor of icns follows the light.
+    parameters = {"white_lux": sequence.parameters["illuminance_lux"]} if model == "icns" else None
+    output = folder / f"{model}.raw"
     periodic = json.loads((folder / "stack/stack.json").read_text())["period_ns"] is not None
     window = sequence.sense if periodic else {"chip": sequence.sense["chip"]}  # a part of a period is not looped
-    pecs.sense(folder / "stack", output, model=model, **window, **options)
+    pecs.sense(folder / "stack", output, model=model, parameters=parameters, **window)
     events = pecs.read(output)
     events["t"] += window.get("start_us", 0)  # a window's events count from its start
     return events
@@ -143,32 +115,7 @@ def shown(row: dict, key: str) -> str:
     return cell(row.get(key)) + (" ({} … {})".format(*map(cell, low_high)) if low_high else "")
 
 
-def chain(output: Path, coarser: int) -> None:
-    """The sequence with one part left out at a time."""
-    sequence, real, rows = sequences.load("R_360_L"), pecs.read(REAL), []
-    folders = {}
-    for label, (program, options, fnumber) in RENDERED.items():
-        folder = output / re.sub(r"\W+", "_", label)
-        words = sequences.render_arguments(sequence, coarser, None)
-        words = [sys.executable, *program, "render", sequence.scene, *words, "--bands", 3, "--samples", 4, *options]
-        print(label, file=sys.stderr, flush=True)
-        subprocess.run(latest([*words, "-o", folder / "stack", "--quiet"]), check=True)  # nothing, if it is complete
-        folders[label] = onto_sensor(folder, fnumber)
-    for label, options in (dict.fromkeys(RENDERED, {}) | SENSED).items():
-        folder = folders.get(label, folders["nothing"])
-        found = sensed(sequence, folder, name=re.sub(r"\W+", "_", label), **options)
-        rows.append({"left_out": label, "events": len(found)} | scores(sequence, real, found))
-    write(output / "chain.json", {"coarser": coarser, "rows": rows})
-    keys = {key: title for key, title in COLUMNS.items() if key in rows[0]}
-    cells = [[r["left_out"], f"{r['events']:,}", *(cell(r[k]) for k in keys)] for r in rows]
-    print(table(["left out", "events", *keys.values()], cells))
-
-
-def main(
-    folder: Path, *, real: list[str] = (), sensor_grid: bool = False, parts: bool = False, coarser: int = 4
-) -> None:
-    if parts:
-        return chain(folder, coarser)
+def main(folder: Path, *, real: list[str] = (), sensor_grid: bool = False) -> None:
     recordings = ({"R_360_L": REAL} if REAL.is_file() else {}) | dict(text.split("=", 1) for text in real)
     done = [name for name in sequences.names() if (folder / name / "stack/stack.json").is_file()]
     if not done:
@@ -182,7 +129,6 @@ def main(
     text = table([*head, *COLUMNS.values()], [[*(r[k] for k in head), *(shown(r, k) for k in COLUMNS)] for r in rows])
     (folder / "table1.md").write_text(text + "\n")
     print(text)
-    return None
 
 
 if __name__ == "__main__":
