@@ -51,7 +51,6 @@ class Run:
     exit: int
     seconds: float
     cpu_s: float  # of all threads and of the processes that it waited for
-    peak_mb: float
     errors: str  # standard error
 
 
@@ -61,7 +60,7 @@ def measured(words: list) -> Run:
     errors = child.stderr.read().decode()
     _, status, usage = os.wait4(child.pid, 0)
     seconds, code = time.perf_counter() - start, os.waitstatus_to_exitcode(status)
-    return Run(code, seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, errors)
+    return Run(code, seconds, usage.ru_utime + usage.ru_stime, errors)
 
 
 def answer(*words: object) -> str:
