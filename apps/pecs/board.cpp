@@ -67,8 +67,7 @@ void add_board(CLI::App& app, Console& console) {
   sub->callback([o, &console] {
     if (!o->squares.empty() + !o->circles.empty() + (o->diameter_mm > 0) != 1)
       throw Error(ExitCode::usage, "board: requires one of --squares, --circles and --disk");
-    if (o->sectors % 2)
-      throw Error(ExitCode::usage, fmt::format("--sectors: got {}, wanted an even number", o->sectors));
+    if (o->sectors % 2) throw bad_usage("--sectors", std::to_string(o->sectors), "an even number");
     const auto squares = [&] {
       const Grid g = parse_grid("--squares", o->squares);
       return calibration::draw_checkerboard(g.columns, g.rows, o->square_mm);

@@ -150,12 +150,9 @@ void add_info(CLI::App& app, Console&) {
   add_examples(*sub, {"pecs info events.raw", "pecs info out/stack --json"});
   sub->callback([o] {
     const bool is_stack = std::filesystem::is_directory(o->path);
-    const auto refuse = [&](const char* option, const char* wanted) {
-      throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, o->path, wanted));
-    };
     if (is_stack && (o->format || o->read.time_unit || o->read.width > 0))
-      refuse(o->format ? "--format" : o->read.time_unit ? "--time-unit" : "--size", "an event file");
-    if (o->fps && !is_stack) refuse("--fps", "a stack without stack.json");
+      throw bad_usage(o->format ? "--format" : o->read.time_unit ? "--time-unit" : "--size", o->path, "an event file");
+    if (o->fps && !is_stack) throw bad_usage("--fps", o->path, "a stack without stack.json");
     const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format, o->read);
     if (o->json)
       fmt::print("{}\n", text_of(info));

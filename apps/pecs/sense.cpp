@@ -25,7 +25,7 @@ namespace {
 std::pair<std::string, double> key_value(const std::string& text, const std::string& option) {
   if (const auto equals = text.find('='); equals != std::string::npos)
     if (const auto value = number_from<double>(text.substr(equals + 1))) return {text.substr(0, equals), *value};
-  throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted KEY=NUMBER", option, text));
+  throw bad_usage(option, text, "KEY=NUMBER");
 }
 
 struct SenseArguments : sensor::SenseOptions {

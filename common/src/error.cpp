@@ -30,6 +30,10 @@ std::size_t printable_bytes(std::string_view text) {
 
 Error::Error(ExitCode code, const std::string& line) : std::runtime_error(printable(line)), code_(code) {}
 
+Error bad_usage(const std::string& option, const std::string& got, const std::string& wanted) {
+  return {ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted)};
+}
+
 Error bad_input(const std::string& file, const std::string& place, const std::string& got, const std::string& wanted) {
   return {ExitCode::bad_input, place.empty() ? fmt::format("{}: got {}, wanted {}", file, got, wanted)
                                              : fmt::format("{}: {}: got {}, wanted {}", file, place, got, wanted)};

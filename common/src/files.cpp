@@ -139,7 +139,7 @@ void check_outputs(const std::vector<fs::path>& inputs, const std::vector<fs::pa
     const fs::path& output = outputs[i];
     if (output.empty() || is_stream(output)) continue;
     const auto refuse = [&](const std::string& got, const std::string& wanted) {
-      return Error(ExitCode::usage, fmt::format("{}: output: got {}, wanted {}", output.string(), got, wanted));
+      return bad_usage(output.string() + ": output", got, wanted);
     };
     for (const fs::path& input : inputs) {
       if (input.empty()) continue;

@@ -29,6 +29,8 @@ class Error : public std::runtime_error {
   ExitCode code_;
 };
 
+// "OPTION: got GOT, wanted WANTED"
+Error bad_usage(const std::string& option, const std::string& got, const std::string& wanted);
 // "FILE: PLACE: got GOT, wanted WANTED" (place may be empty).
 Error bad_input(const std::string& file, const std::string& place, const std::string& got, const std::string& wanted);
 // "FILE: cannot be opened: REASON"

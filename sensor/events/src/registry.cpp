@@ -37,8 +37,7 @@ bool has_extension(const Codec& codec, const std::filesystem::path& path) {
 const Codec& named(const std::filesystem::path& path, const std::string& name, bool for_output) {
   const Codec* codec = by_name(name);
   if (!codec || !(for_output ? bool(codec->open_writer) : bool(codec->open_reader)))
-    throw Error(ExitCode::usage,
-                fmt::format("{}: format: got {}, wanted one of {}", path.string(), name, names(for_output)));
+    throw bad_usage(path.string() + ": format", name, "one of " + names(for_output));
   return *codec;
 }
 

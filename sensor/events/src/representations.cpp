@@ -23,18 +23,17 @@ struct Planes {
         begin_us(window.begin_us),
         length_us(window.end_us - window.begin_us) {
     constexpr int kMostSide = 1 << 16;
-    const auto refuse = [](const char* what, const std::string& got, const std::string& wanted) {
-      throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", what, got, wanted));
-    };
     for (const int side : {window.width, window.height})
       if (side < 1 || side > kMostSide)
-        refuse("size", fmt::format("{}x{}", window.width, window.height), fmt::format("1 to {} each", kMostSide));
+        throw bad_usage("size", fmt::format("{}x{}", window.width, window.height),
+                        fmt::format("1 to {} each", kMostSide));
     if (planes < 1 || planes > 2 * kMostBins)
-      refuse("bins", fmt::format("{}", planes), fmt::format("1 to {}", kMostBins));
+      throw bad_usage("bins", fmt::format("{}", planes), fmt::format("1 to {}", kMostBins));
     if (!(length_us >= 0 && std::isfinite(length_us)))
-      refuse("window", fmt::format("{} to {} us", window.begin_us, window.end_us), "a begin and an end behind it");
+      throw bad_usage("window", fmt::format("{} to {} us", window.begin_us, window.end_us),
+                      "a begin and an end behind it");
     if (out.size() != size * static_cast<std::size_t>(planes))
-      refuse("out", fmt::format("{} values", out.size()), fmt::format("{} x {} x {}", planes, height, width));
+      throw bad_usage("out", fmt::format("{} values", out.size()), fmt::format("{} x {} x {}", planes, height, width));
     const auto whole = [](double t_us) {
       constexpr double kMost = 9e18;  // of an int64
       return static_cast<std::int64_t>(std::clamp(t_us, -kMost, kMost));

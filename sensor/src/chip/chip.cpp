@@ -240,8 +240,7 @@ Chip load_chip(const std::string& name, const std::vector<std::string>& override
     const auto value = number_from<double>(std::string_view(text).substr(equals + 1));
     const Value& of = *std::ranges::find(kValues, key, &Value::key);
     if (!value || !is_allowed(of, *value, known->second))
-      throw Error(ExitCode::usage,
-                  fmt::format("--set {}: got {}, wanted {}", key, text.substr(equals + 1), allowed(of, known->second)));
+      throw bad_usage("--set " + key, text.substr(equals + 1), allowed(of, known->second));
     chip.*of.member = *value;
   }
   apply_biases(chip, biases, overrides);
@@ -274,9 +273,7 @@ void check_fits(const Chip& chip, int width, int height, const std::string& sour
 }
 
 void take_frames(Chip& chip, bool takes, const std::string& option, const std::vector<std::string>& overrides) {
-  if (takes && !chip.has_frames())
-    throw Error(ExitCode::usage,
-                fmt::format("{}: got chip {}, wanted one with frames (pecs chips)", option, chip.name));
+  if (takes && !chip.has_frames()) throw bad_usage(option, "chip " + chip.name, "one with frames (pecs chips)");
   chip.takes_frames = takes;
   for (const std::string& text : overrides) {
     if (text.starts_with("frame_") && !takes)

@@ -15,15 +15,12 @@
 namespace pecs::sensor {
 
 void check_effect(const PhotocurrentOptions& options, Quantity quantity) {
-  const auto reject = [](const char* option, const std::string& got, const char* wanted) {
-    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
-  };
   const std::string got = fmt::format("light in {} units", name_of(quantity));
-  if (options.gain && options.fnumber) reject("--fnumber", "--gain beside it", "one of them");
-  if (options.gain && options.photocurrent_a) reject("--photocurrent", "--gain beside it", "one of them");
-  if (options.fnumber && quantity != Quantity::radiance) reject("--fnumber", got, "radiance");
+  if (options.gain && options.fnumber) throw bad_usage("--fnumber", "--gain as well", "one of them");
+  if (options.gain && options.photocurrent_a) throw bad_usage("--photocurrent", "--gain as well", "one of them");
+  if (options.fnumber && quantity != Quantity::radiance) throw bad_usage("--fnumber", got, "radiance");
   if (options.photocurrent_a && quantity != Quantity::relative)
-    reject("--photocurrent", got, "relative light, or --gain");
+    throw bad_usage("--photocurrent", got, "relative light, or --gain");
 }
 
 std::vector<double> amperes_per_unit(const Chip& chip, const StackInfo& stack, const PhotocurrentOptions& options,

@@ -42,15 +42,13 @@ class ProgressReporter {
 // Rejects options that have no effect on this input.
 void reject_unused(const SenseOptions& options, const FrameSource& source) {
   check_effect(options.light, source.info().quantity);
-  const auto reject = [](const char* option, const std::string& got, const char* wanted) {
-    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, got, wanted));
-  };
   if (options.model.white_fa > 0 && model_traits(options.model).takes_light)
-    reject("--white", "model " + options.model.name, "a model that takes pictures");
+    throw bad_usage("--white", "model " + options.model.name, "a model that takes pictures");
   if (options.frames && options.frames == options.output &&
       !events::codec_for_output(options.output, options.format).holds_frames)
-    reject("--frames", options.output.string(), "a new folder, or an output in AEDAT4, which holds frames");
-  if (!options.motion && !source.has_motion()) reject("--no-motion", "no layer motion", "a stack that has one");
+    throw bad_usage("--frames", options.output.string(), "a new folder, or an output in AEDAT4, which holds frames");
+  if (!options.motion && !source.has_motion())
+    throw bad_usage("--no-motion", "no layer motion", "a stack that has one");
 }
 
 // The source of a run, checked with all that was asked for before any work begins.
@@ -406,7 +404,7 @@ Chip chip_of(const SenseOptions& options, bool takes_frames, const std::string& 
   const Json with = chip_to_json(chip)["values"], without = chip_to_json(quiet)["values"];
   for (const std::string& text : options.overrides)
     if (const std::string key = text.substr(0, text.find('=')); with.value(key, Json()) != without.value(key, Json()))
-      throw Error(ExitCode::usage, fmt::format("--no-noise: got --set {} as well, wanted one of them", text));
+      throw bad_usage("--no-noise", fmt::format("--set {} as well", text), "one of them");
   return quiet;
 }
 

@@ -49,8 +49,8 @@ bool natural_less(const std::string& a, const std::string& b) {
 
 std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string& source) const {
   std::vector<std::int64_t> times;
-  if (fps && file_us) throw Error(ExitCode::usage, "--fps: got --times as well, wanted one of them");
-  if (unit && !file_us) throw Error(ExitCode::usage, "--time-unit: got no file of times, wanted --times as well");
+  if (fps && file_us) throw bad_usage("--fps", "--times as well", "one of them");
+  if (unit && !file_us) throw bad_usage("--time-unit", "no file of times", "--times as well");
   if (file_us) {
     const double ns = std::pow(10.0, 3 + static_cast<int>(unit.value_or(TimeUnit::us)));
     FrameUnitCheck unit_check;

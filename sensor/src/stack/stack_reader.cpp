@@ -236,12 +236,10 @@ StackReader::StackReader(fs::path folder, const FrameTimes& times) : folder_(std
     if (foreign.time_ns) header_shift_ns_ = *foreign.time_ns - info_.times_ns[0];
     return;
   }
-  const auto refuse = [&](const char* option, const char* wanted) {
-    throw Error(ExitCode::usage, fmt::format("{}: got {}, wanted {}", option, folder_.string(), wanted));
-  };
-  if (times.fps) refuse("--fps", "frames without times of their own");
-  if (times.unit) refuse("--time-unit", "--times, and frames without times of their own");
-  if (times.file_us) refuse("--times", "frames without times of their own");
+  const char* kWithoutTimes = "frames without times of their own";
+  if (times.fps) throw bad_usage("--fps", folder_.string(), kWithoutTimes);
+  if (times.unit) throw bad_usage("--time-unit", folder_.string(), std::string("--times, and ") + kWithoutTimes);
+  if (times.file_us) throw bad_usage("--times", folder_.string(), kWithoutTimes);
   header_shift_ns_ = 0;
   info_ = parse_stack_info(parse_json_file(json_path, std::size_t{64} << 20), json_path.string());
   if (info_.has_between) between_ = betweens_in(folder_);

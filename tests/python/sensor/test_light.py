@@ -237,8 +237,8 @@ def test_options_without_effect_are_refused_as_by_the_program(stack, tmp_path):
     for options, wanted in (
         ({"fnumber": 4.0}, "--fnumber: got light in irradiance units, wanted radiance"),
         ({"photocurrent_a": 1e-12}, "--photocurrent: got light in irradiance units, wanted relative light"),
-        ({"gain": 1e-15, "photocurrent_a": 1e-12}, "--photocurrent: got --gain beside it"),
-        ({"gain": 1e-15, "fnumber": 4.0}, "--fnumber: got --gain beside it"),
+        ({"gain": 1e-15, "photocurrent_a": 1e-12}, "--photocurrent: got --gain as well"),
+        ({"gain": 1e-15, "fnumber": 4.0}, "--fnumber: got --gain as well"),
     ):
         calls = partial(pecs.Light, stack, CHIP), partial(CHIP.photocurrent, stack), partial(sensed, stack), of_bands
         for call in calls:
