@@ -147,15 +147,9 @@ void add_gradients(const cv::Mat& grey, const cv::Mat& flow, Measures& measures)
     }
 }
 
-class EstimatedMotion final : public sensor::FrameSource {
+class EstimatedMotion final : public SourceOfFrames {
  public:
-  explicit EstimatedMotion(std::unique_ptr<sensor::FrameSource> frames) : source_(std::move(frames)) {}
-  const sensor::StackInfo& info() const override { return source_->info(); }
-  std::int64_t frames() const override { return source_->frames(); }
-  std::string name() const override { return source_->name(); }
-  std::string layout() const override { return source_->layout(); }
-  void will_read(std::int64_t index) const override { source_->will_read(index); }
-  std::string options_for(int width, int height) const override { return source_->options_for(width, height); }
+  using SourceOfFrames::SourceOfFrames;
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
     if (begin != 0 || (end != 0 && end != info().height)) return source_->read_rows(index, sink, begin, end);
@@ -205,7 +199,6 @@ class EstimatedMotion final : public sensor::FrameSource {
   }
   const Estimate& estimate(std::int64_t frame) const;
 
-  std::unique_ptr<sensor::FrameSource> source_;
   mutable std::mutex mutex_;
   mutable std::deque<Picture> pictures_;
   mutable std::deque<Estimate> estimates_;

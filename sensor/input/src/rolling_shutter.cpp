@@ -21,17 +21,10 @@ cv::Mat at(const cv::Mat& values, const cv::Mat& places, int interpolation) {
   return out;
 }
 
-class GlobalShutter final : public sensor::FrameSource {
+class GlobalShutter final : public SourceOfFrames {
  public:
   GlobalShutter(std::unique_ptr<sensor::FrameSource> frames, double row_us)
-      : source_(std::move(frames)), row_us_(row_us) {}
-  const sensor::StackInfo& info() const override { return source_->info(); }
-  std::int64_t frames() const override { return source_->frames(); }
-  std::string name() const override { return source_->name(); }
-  std::string layout() const override { return source_->layout(); }
-  void will_read(std::int64_t index) const override { source_->will_read(index); }
-  std::string options_for(int width, int height) const override { return source_->options_for(width, height); }
-  sensor::SourceReport report() const override { return source_->report(); }
+      : SourceOfFrames(std::move(frames)), row_us_(row_us) {}
 
   void read_rows(std::int64_t index, const sensor::RowSink& sink, int begin, int end) const override {
     if (end == 0) end = info().height;
@@ -64,7 +57,6 @@ class GlobalShutter final : public sensor::FrameSource {
     return 1e-3 * static_cast<double>(info().times_ns[static_cast<std::size_t>(index)]);
   }
 
-  std::unique_ptr<sensor::FrameSource> source_;
   double row_us_;
   mutable std::mutex mutex_;
   mutable std::deque<Frame> frames_;
