@@ -102,6 +102,10 @@ void AtomicFile::write(std::span<const std::byte> bytes) {
 
 void AtomicFile::write(std::string_view text) { write(std::as_bytes(std::span(text))); }
 
+void AtomicFile::seek(std::uint64_t offset) {
+  if (fseeko(file_, static_cast<off_t>(offset), SEEK_SET) != 0) throw bad_output(path_.string(), last_error());
+}
+
 void AtomicFile::commit() {
   if (std::fflush(file_) != 0) throw bad_output(path_.string(), last_error());
   if (partial_) partial_->commit();

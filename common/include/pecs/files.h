@@ -44,7 +44,7 @@ class AtomicFile {
 
   void write(std::span<const std::byte> bytes);  // throws bad_output (disk full, …)
   void write(std::string_view text);
-  std::FILE* stream() { return file_; }
+  void seek(std::uint64_t offset);  // throws bad_output
   void commit();
 
  private:

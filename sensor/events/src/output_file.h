@@ -27,7 +27,7 @@ class OutputFile {
   // The next put() calls overwrite existing bytes from this offset on; they must not write beyond the end.
   void rewrite_from(std::uint64_t offset) {
     flush();
-    fseeko(file_.stream(), static_cast<off_t>(offset), SEEK_SET);
+    file_.seek(offset);
   }
   void commit() {
     flush();

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <cstdio>
 #include <cstring>
 
 #include "pecs/error.h"
@@ -28,7 +27,7 @@ void NpyFile::write(std::span<const std::byte> bytes, std::size_t records) {
 }
 
 void NpyFile::commit() {
-  std::rewind(file_.stream());
+  file_.seek(0);
   write_header();
   file_.commit();
 }
