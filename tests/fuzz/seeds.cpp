@@ -18,38 +18,6 @@ namespace {
 using namespace pecs;
 namespace fs = std::filesystem;
 
-constexpr const char* kZemax = R"(MODE SEQ
-NAME seed
-UNIT MM X W X CM MR CPMM
-SURF 0
-  TYPE STANDARD
-  CURV 0.0
-  DISZ INFINITY
-SURF 1
-  TYPE STANDARD
-  STOP
-  CURV 0.0
-  DISZ 1
-  DIAM 5 0 0 0 1 ""
-SURF 2
-  TYPE EVENASPH
-  CURV 3.869969040247678E-002 0 0 0 0 ""
-  CONI -0.5
-  PARM 2 1e-7
-  DISZ 4
-  GLAS N-BK7 0 0 1.5168 64.17 0 0 0 0 0 0
-  DIAM 12.7 0 0 0 1 ""
-SURF 3
-  TYPE STANDARD
-  CURV 0.0
-  DISZ 47.36
-  DIAM 12.7 0 0 0 1 ""
-SURF 4
-  TYPE STANDARD
-  CURV 0.0
-  DISZ 0
-)";
-
 // AEDAT 2.0: an ON event, an external event, a frame's sample.
 const std::string kSamples(
     "\x10\x01\x08\x00\x00\x00\x00\x05\x10\x01\x04\x00\x00\x00\x00\x06\x80\x01\x08\x00\x00\x00\x00\x07", 24);
@@ -138,7 +106,7 @@ int main(int argc, char** argv) try {
   put(folder / "aedat2/own.aedat2",
       "#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.Davis346blue\r\n" + kSamples);
   put(folder / "times/own.txt", "0 # us\n33.25\n1e3\n");
-  put(folder / "zemax/own.zmx", kZemax);
+  put(folder / "zemax/own.zmx", text_of(data_dir("tests/lens/lenses") / "singlet.zmx"));
   put(folder / "pbrt/own.dat", lens::export_pbrt(lens::load_prescription("double_gauss_100mm_f3p1"), 550, 40));
   for (const char* scene : {"rotating_disk", "board"})
     put(folder / "aligned" / scene,
