@@ -216,15 +216,11 @@ void print(const SenseArguments& o, const sensor::SenseReport& report, const Con
     add_share("unsure", ", {:.1f} % of them unsure");
   add_share("camera_noise", " (camera's own noise: {:.1f} %)");
   fmt::print("{}\n", line);
-  if (const auto dropped = r["dropped"].get<std::int64_t>())
-    console.warn(fmt::format("{}: {} events dropped by the readout", o.output.string(), dropped));
   for (const auto& warning : r["warnings"]) console.warn(warning.get<std::string>());
   if (o.view) {
     if (const auto video = report.config["view"].get<std::string>(); video != "window")
       console.warn("no display: the events are in " + video);
   }
-  const auto bad = r["bad_values"]["not_finite"].get<std::int64_t>() + r["bad_values"]["negative"].get<std::int64_t>();
-  if (bad) console.warn(fmt::format("{}: {} pixel values are negative or not finite", o.stack.string(), bad));
 }
 
 }  // namespace

@@ -197,6 +197,10 @@ SenseReport SenseRun::run() {
       options_.times.file_us && !options_.times.unit && step_us < kClose_us)
     warnings.push_back(
         fmt::format("--times: frames are {:g} us apart; if the file is not in us, state --time-unit", step_us));
+  if (const auto n = light_.not_finite(), m = light_.negative(); n + m > 0)
+    warnings.push_back(fmt::format("{}: values that no light has: {} not finite, {} negative", source_->name(), n, m));
+  if (const auto dropped = results_["dropped"].get<std::int64_t>())
+    warnings.push_back(fmt::format("{}: {} events dropped by the readout", options_.output.string(), dropped));
   if (model_.name == "pecs") warn_of_light(warnings);
   if (model_traits(model_).takes_light) warn_of_pitch(warnings);
   results_.update({{"width", source_->info().width},
