@@ -52,11 +52,7 @@ Json stack_info(const std::string& path, std::optional<double> fps) {
                      {"first_frame", {{"min", low}, {"mean", sum / static_cast<double>(plane)}, {"max", high}}}});
   }
   Json layers = Json::array();
-  for (const sensor::Layer& layer : info.layers)
-    layers.push_back({{"name", layer.name},
-                      {"channels", layer.channels},
-                      {"unit", layer.unit},
-                      {"at", layer.per_interval ? "interval" : "instant"}});
+  for (const sensor::Layer& layer : info.layers) layers.push_back(to_json(layer));
   Json out = {{"format", "exr-stack"},
               {"width", info.width},
               {"height", info.height},

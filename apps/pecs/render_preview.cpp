@@ -18,6 +18,7 @@
 #include "pecs/progress.h"
 #include "pecs/sensor/light_sampler.h"
 #include "pecs/sensor/named_spectrum.h"
+#include "pecs/sensor/photocurrent.h"
 #include "pecs/sensor/stack.h"
 #include "pecs/view/band_colours.h"
 #include "picture_file.h"
@@ -51,15 +52,8 @@ std::string illuminant_of(const PreviewArguments& a) {
 // All rows of a frame, subpixels averaged: [bands][height][width].
 std::vector<float> pixels_of(const sensor::StackReader& stack, std::int64_t index) {
   const sensor::StackInfo& info = stack.info();
-  const auto width = static_cast<std::size_t>(info.width), plane = width * info.height;
-  std::vector<float> values(plane * info.bands.size());
-  stack.read_rows(index, [&](int first_row, int rows, std::span<const float> part) {
-    const std::size_t count = rows * width;
-    for (std::size_t k = 0; k < info.bands.size(); ++k)
-      std::copy_n(part.begin() + static_cast<std::ptrdiff_t>(k * count), count,
-                  values.begin() + static_cast<std::ptrdiff_t>(k * plane + first_row * width));
-  });
-  return values;
+  return sensor::whole_frame(info.bands.size(), info.width, info.height,
+                             [&](const sensor::RowSink& sink) { stack.read_rows(index, sink); });
 }
 
 // The bands' values in linear light: three planes (colour) or one (a band).
@@ -113,9 +107,7 @@ double white_level(const cv::Mat& picture) {
   const float* v = picture.ptr<float>();
   for (std::size_t i = 0; i < picture.total(); ++i)
     top.push_back(*std::max_element(v + i * channels, v + (i + 1) * channels));
-  const auto at = top.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(top.size() - 1));
-  std::nth_element(top.begin(), at, top.end());
-  return std::max<double>(*at, 1e-30);
+  return std::max<double>(sensor::quantile(std::move(top), 0.99), 1e-30);
 }
 
 using Encoder = std::function<void(std::span<float>)>;

@@ -24,13 +24,6 @@ std::size_t frame_values(const pecs::sensor::StackInfo& info, const char* layer,
   return pecs::sensor::frame_values(info, layer_of(info, layer_name(layer), folder));
 }
 
-pecs::Json json_of(const pecs::sensor::Layer& layer) {
-  return {{"name", layer.name},
-          {"channels", layer.channels},
-          {"unit", layer.unit},
-          {"at", layer.per_interval ? "interval" : "instant"}};
-}
-
 }  // namespace
 
 extern "C" {
@@ -87,7 +80,7 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
     const auto& info = reader.info();
     pecs::Json bands = pecs::Json::array(), layers = pecs::Json::array();
     for (const auto& b : info.bands) bands.push_back({{"lambda_nm", b.lambda_nm}, {"weight_nm", b.weight_nm}});
-    for (const auto& layer : info.layers) layers.push_back(json_of(layer));
+    for (const auto& layer : info.layers) layers.push_back(to_json(layer));
     pecs::Json out = {{"quantity", name_of(info.quantity)},
                       {"width", info.width},
                       {"height", info.height},

@@ -100,18 +100,14 @@ namespace {
 // The first frame's spectra: [band][pixel]; 0 for values that are negative or not finite.
 struct FirstFrame {
   explicit FirstFrame(const FrameSource& source)
-      : pixels(static_cast<std::size_t>(source.info().width) * static_cast<std::size_t>(source.info().height)),
-        mean(source.info().bands.size()) {
-    values.resize(mean.size() * pixels);
-    const auto width = static_cast<std::size_t>(source.info().width);
-    source.read_rows(0, [&](int y, int rows, std::span<const float> block) {
-      const std::size_t n = width * static_cast<std::size_t>(rows);
-      for (std::size_t b = 0; b < mean.size(); ++b)
-        for (std::size_t i = 0; i < n; ++i) {
-          const float v = block[b * n + i];
-          if (std::isfinite(v) && v > 0) mean[b] += values[b * pixels + static_cast<std::size_t>(y) * width + i] = v;
-        }
-    });
+      : mean(source.info().bands.size()),
+        values(whole_frame(mean.size(), source.info().width, source.info().height,
+                           [&](const RowSink& sink) { source.read_rows(0, sink); })),
+        pixels(values.size() / mean.size()) {
+    for (std::size_t k = 0; k < values.size(); ++k) {
+      if (!(std::isfinite(values[k]) && values[k] > 0)) values[k] = 0;
+      mean[k / pixels] += values[k];
+    }
     for (double& m : mean) m /= static_cast<double>(pixels);
   }
   // RMS over the pixels of ln of the ratio of two weighted sums, with the mean ratio removed.
@@ -131,9 +127,9 @@ struct FirstFrame {
     }
     return n > 0 ? std::sqrt(std::max(0.0, square / n - sum / n * (sum / n))) : 0;
   }
-  std::size_t pixels;
   std::vector<double> mean;
   std::vector<float> values;
+  std::size_t pixels;
 };
 
 }  // namespace

@@ -47,6 +47,19 @@ bool natural_less(const std::string& a, const std::string& b) {
 
 }  // namespace
 
+std::vector<float> whole_frame(std::size_t planes, int width, int height,
+                               const std::function<void(const RowSink&)>& read) {
+  const auto columns = static_cast<std::size_t>(width), plane = columns * static_cast<std::size_t>(height);
+  std::vector<float> out(planes * plane);
+  read([&](int y, int rows, std::span<const float> values) {
+    const std::size_t block = columns * static_cast<std::size_t>(rows);
+    for (std::size_t k = 0; k < planes; ++k)
+      std::ranges::copy(values.subspan(k * block, block),
+                        out.begin() + static_cast<std::ptrdiff_t>(k * plane + static_cast<std::size_t>(y) * columns));
+  });
+  return out;
+}
+
 std::vector<std::int64_t> FrameTimes::of(std::int64_t frames, const std::string& source) const {
   std::vector<std::int64_t> times;
   if (fps && file_us) throw bad_usage("--fps", "--times as well", "one of them");

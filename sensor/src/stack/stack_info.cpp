@@ -156,6 +156,13 @@ std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::in
   return {at(interval), interval + 1 < instants ? at(interval + 1) : at(0) + *info.period_ns};
 }
 
+Json to_json(const Layer& layer) {
+  return {{"name", layer.name},
+          {"channels", layer.channels},
+          {"unit", layer.unit},
+          {"at", layer.per_interval ? "interval" : "instant"}};
+}
+
 std::size_t frame_values(const StackInfo& info, const Layer& layer) {
   return layer.channels.size() * static_cast<std::size_t>(info.file_height()) *
          static_cast<std::size_t>(info.file_width());

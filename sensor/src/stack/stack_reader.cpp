@@ -412,25 +412,13 @@ SourceReport StackReader::report() const {
 
 std::vector<float> StackReader::read_frame(std::int64_t index, std::string_view name) const {
   const Layer& layer = layer_of(info_, name, folder_);
-  return whole(layer, [&](const RowSink& sink) { read_rows(index, layer, sink, 0, 0); });
+  return whole_frame(layer.channels.size(), info_.file_width(), info_.file_height(),
+                     [&](const RowSink& sink) { read_rows(index, layer, sink, 0, 0); });
 }
 
 std::vector<float> StackReader::read_between(std::int64_t interval, std::size_t which) const {
-  return whole(info_.layers[0], [&](const RowSink& sink) { read_between(interval, which, sink); });
-}
-
-std::vector<float> StackReader::whole(const Layer& layer, const std::function<void(const RowSink&)>& read) const {
-  const auto width = static_cast<std::size_t>(info_.file_width());
-  const auto height = static_cast<std::size_t>(info_.file_height());
-  std::vector<float> frame(frame_values(info_, layer));
-  const auto copy = [&](int y, int rows, std::span<const float> values) {
-    const std::size_t block = width * static_cast<std::size_t>(rows);
-    for (std::size_t c = 0; c < layer.channels.size(); ++c)
-      std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(c * block), block,
-                  frame.begin() + static_cast<std::ptrdiff_t>((c * height + static_cast<std::size_t>(y)) * width));
-  };
-  read(copy);
-  return frame;
+  return whole_frame(info_.layers[0].channels.size(), info_.file_width(), info_.file_height(),
+                     [&](const RowSink& sink) { read_between(interval, which, sink); });
 }
 
 }  // namespace pecs::sensor

@@ -62,6 +62,10 @@ struct Region {
 // Rows of one frame: values[(band * rows + row) * width + x].
 using RowSink = std::function<void(int first_row, int rows, std::span<const float> values)>;
 
+// All rows that `read` gives to its sink: [plane][height][width].
+std::vector<float> whole_frame(std::size_t planes, int width, int height,
+                               const std::function<void(const RowSink&)>& read);
+
 // Measurements of the frames read so far, for the run record, and what a user should know of them.
 struct SourceReport {
   Json results;

@@ -33,6 +33,7 @@ std::pair<std::int64_t, std::int64_t> interval_ns(const StackInfo& info, std::in
                                                   const std::filesystem::path& folder);
 // Values of a layer's frame: [channels][rows][columns] of its file.
 std::size_t frame_values(const StackInfo& info, const Layer& layer);
+Json to_json(const Layer& layer);
 
 class StackWriter {
  public:
@@ -96,7 +97,6 @@ class StackReader : public FrameSource {
   std::vector<float> read_between(std::int64_t interval, std::size_t which) const;
 
  private:
-  std::vector<float> whole(const Layer& layer, const std::function<void(const RowSink&)>& read) const;
   void read_rows(std::int64_t index, const Layer& layer, const RowSink& sink, int begin, int end) const;
   void read_file(const std::filesystem::path& path, const Layer& layer, std::optional<std::int64_t> time_ns,
                  const RowSink& sink, int begin, int end) const;
