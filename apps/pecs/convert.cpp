@@ -103,8 +103,6 @@ Bags bags_of(const ConvertArguments& o) {
   become_python("convert", std::move(words));
 }
 
-Json optional_json(const std::optional<std::int64_t>& value) { return value ? Json(*value) : Json(); }
-
 void convert(const ConvertArguments& o, Console& console) {
   const events::Codec& from = events::codec_of_file(o.in, o.input_format);
   const events::Codec& to = events::codec_for_output(o.out, o.format);
@@ -146,8 +144,8 @@ void convert(const ConvertArguments& o, Console& console) {
   console.record(o.out, {.command = "convert",
                          .config = {{"input_format", from.name},
                                     {"format", to.name},
-                                    {"t_start_us", optional_json(s.t_start_us)},
-                                    {"t_end_us", optional_json(s.t_end_us)},
+                                    {"t_start_us", or_null(s.t_start_us)},
+                                    {"t_end_us", or_null(s.t_end_us)},
                                     {"stages", sensor::stages_to_json(o.stages)},
                                     {"time_unit", o.read.time_unit ? Json(name_of(*o.read.time_unit)) : Json()},
                                     {"late", o.read.late == Late::keep ? Json() : Json(sorts ? "sort" : "drop")},

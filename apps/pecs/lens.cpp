@@ -286,7 +286,7 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
     write_picture(o->output, picture(prescription, o->draw), o->width_px);
     console.record(o->output, {.command = "lens " + name,
                                .config = {{"lambda_nm", o->draw.bands_nm},
-                                          {"focus_m", o->draw.focus_m ? Json(*o->draw.focus_m) : Json()},
+                                          {"focus_m", or_null(o->draw.focus_m)},
                                           {"stop_diameter_mm", o->draw.stop_diameter_mm},
                                           {"fields", o->draw.fields},
                                           {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},

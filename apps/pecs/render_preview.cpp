@@ -127,8 +127,6 @@ cv::Mat to_display(const cv::Mat& linear, double scale, const Encoder& encode) {
   return picture;
 }
 
-Json text_or_null(const std::optional<std::string>& text) { return text ? Json(*text) : Json(nullptr); }
-
 void run(const PreviewArguments& a, Console& console) {
   const std::filesystem::path output = a.output;
   const std::string extension = output.extension().string();
@@ -182,12 +180,12 @@ void run(const PreviewArguments& a, Console& console) {
   const Json config = {{"frame", first},
                        {"exposure_ev", a.exposure_ev},
                        {"fps", a.fps},
-                       {"every_us", a.every_us ? Json(*a.every_us) : Json(nullptr)},
+                       {"every_us", or_null(a.every_us)},
                        {"illuminant", illuminant},
-                       {"band_nm", a.band_nm ? Json(*a.band_nm) : Json(nullptr)},
+                       {"band_nm", or_null(a.band_nm)},
                        {"ocio", a.display.ocio_config ? Json(a.display.ocio_config->string()) : Json(nullptr)},
-                       {"display", text_or_null(a.display.display)},
-                       {"view", text_or_null(a.display.view)}};
+                       {"display", or_null(a.display.display)},
+                       {"view", or_null(a.display.view)}};
   console.record(output, {.command = "render-preview", .config = config, .inputs = {a.stack}, .results = result});
   if (a.json)
     fmt::print("{}\n", text_of(result, 2));

@@ -33,7 +33,7 @@ void run(const ReportArguments& a, Console& console) {
   if (a.window_us > 0) inputs.compare.window_us = std::llround(a.window_us);
 
   const Json summary = view::write_report_page(inputs, a.output);
-  const Json config = {{"window_us", inputs.compare.window_us ? Json(*inputs.compare.window_us) : Json(nullptr)}};
+  const Json config = {{"window_us", or_null(inputs.compare.window_us)}};
   console.record(a.output, {"report", config, files, summary});
   if (a.json)
     fmt::print("{}\n", text_of(summary, 2));

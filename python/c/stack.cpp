@@ -81,18 +81,16 @@ char* pecs_stack_reader_info(const pecs_stack_reader* stack, pecs_error* error) 
     pecs::Json bands = pecs::Json::array(), layers = pecs::Json::array();
     for (const auto& b : info.bands) bands.push_back({{"lambda_nm", b.lambda_nm}, {"weight_nm", b.weight_nm}});
     for (const auto& layer : info.layers) layers.push_back(to_json(layer));
-    pecs::Json out = {{"quantity", name_of(info.quantity)},
-                      {"width", info.width},
-                      {"height", info.height},
-                      {"subpixels", info.subpixels},
-                      {"bands", bands},
-                      {"layers", layers},
-                      {"times_ns", info.times_ns},
-                      {"frames", reader.frames()},
-                      {"pixel_pitch_m", nullptr},
-                      {"period_ns", nullptr}};
-    if (info.pixel_pitch_m) out["pixel_pitch_m"] = *info.pixel_pitch_m;
-    if (info.period_ns) out["period_ns"] = *info.period_ns;
+    const pecs::Json out = {{"quantity", name_of(info.quantity)},
+                            {"width", info.width},
+                            {"height", info.height},
+                            {"subpixels", info.subpixels},
+                            {"bands", bands},
+                            {"layers", layers},
+                            {"times_ns", info.times_ns},
+                            {"frames", reader.frames()},
+                            {"pixel_pitch_m", pecs::or_null(info.pixel_pitch_m)},
+                            {"period_ns", pecs::or_null(info.period_ns)}};
     return pecs::capi::hand_over(out);
   });
 }

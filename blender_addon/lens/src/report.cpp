@@ -11,7 +11,6 @@
 namespace pecs::lens {
 namespace {
 
-Json maybe(const std::optional<double>& x) { return x ? Json(*x) : Json(nullptr); }
 Json finite(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 StopChoice read_stop(JsonObject& options) {
@@ -105,7 +104,7 @@ Json info(const Prescription& lens, const InfoOptions& o) {
           {"front_principal_z_mm", f.front_principal_z_mm},
           {"rear_principal_z_mm", f.rear_principal_z_mm},
           {"rear_vertex_z_mm", lens.rear_z_mm()},
-          {"focus_m", maybe(o.focus_m)},
+          {"focus_m", or_null(o.focus_m)},
           {"film_z_mm", focus.film_z_mm},
           {"rms_spot_um", 1e3 * focus.rms_spot_mm},
           {"e0_sr", axis.irradiance_per_radiance},
@@ -143,7 +142,7 @@ Json pupil_report(const Prescription& lens, const InfoOptions& o) {
   return {{"name", lens.name},
           {"file", lens.file},
           {"lambda_nm", o.lambda_nm},
-          {"focus_m", maybe(o.focus_m)},
+          {"focus_m", or_null(o.focus_m)},
           {"stop_diameter_mm", stop},
           {"film_z_mm", focus.film_z_mm},
           {"plane_z_mm", lens.rear_z_mm()},
@@ -198,7 +197,7 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"film_shift_y_mm", camera.options.film_shift_y_mm},
           {"film_tilt_x_deg", camera.options.film_tilt_x_deg},
           {"film_tilt_y_deg", camera.options.film_tilt_y_deg},
-          {"focus_m", maybe(camera.options.focus_m)},
+          {"focus_m", or_null(camera.options.focus_m)},
           {"rms_spot_um", 1e3 * camera.focus.rms_spot_mm},
           {"stop_diameter_mm", camera.first_order.stop_diameter_mm},
           {"fnumber", camera.first_order.fnumber},
@@ -207,7 +206,7 @@ Json camera_report(const Prescription& lens, const Camera& camera) {
           {"channel_mode", kModes[static_cast<std::size_t>(camera.channel_mode)]},
           {"colour_shift_px", camera.colour_shift_px},
           {"mixed_shift_px",
-           maybe(camera.options.band_shares.empty() ? std::nullopt : std::optional(camera.mixed_shift_px))},
+           or_null(camera.options.band_shares.empty() ? std::nullopt : std::optional(camera.mixed_shift_px))},
           {"acceptance", {camera.acceptance_centre, camera.acceptance_half, camera.acceptance_corner}},
           {"missed_fraction", missed},
           {"working_fnumber", working},

@@ -187,8 +187,6 @@ Json json_of(const StreamSummary& s) {
           {"off_rate_curve_hz", s.off_hz}};
 }
 
-Json json_of(const std::optional<double>& value) { return value ? Json(*value) : Json(nullptr); }
-
 }  // namespace
 
 Comparison compare(events::Stream real, const std::string& real_name, events::Stream sim, const std::string& sim_name,
@@ -291,17 +289,17 @@ Json to_json(const Comparison& c) {
   json["sim"] = json_of(c.sim);
   json["event_ratio"] = static_cast<double>(c.sim.events) / static_cast<double>(c.real.events);
   json["rate_curve_us"] = c.curve_us;
-  json["rate_correlation"] = json_of(c.rate_correlation);
-  json["on_rate_correlation"] = json_of(c.on_correlation);
-  json["off_rate_correlation"] = json_of(c.off_correlation);
+  json["rate_correlation"] = or_null(c.rate_correlation);
+  json["on_rate_correlation"] = or_null(c.on_correlation);
+  json["off_rate_correlation"] = or_null(c.off_correlation);
   json["chamfer_interval"] = {c.chamfer_interval.low, c.chamfer_interval.high};
   json["gaussian_interval"] = {c.gaussian_interval.low, c.gaussian_interval.high};
-  json["map_correlation"] = json_of(c.map_correlation);
-  json["on_map_correlation"] = json_of(c.on_map_correlation);
-  json["off_map_correlation"] = json_of(c.off_map_correlation);
-  json["interval_distance_decades"] = json_of(c.interval_distance_decades);
-  json["real"]["interval_median_us"] = json_of(c.real.interval_median_us);
-  json["sim"]["interval_median_us"] = json_of(c.sim.interval_median_us);
+  json["map_correlation"] = or_null(c.map_correlation);
+  json["on_map_correlation"] = or_null(c.on_map_correlation);
+  json["off_map_correlation"] = or_null(c.off_map_correlation);
+  json["interval_distance_decades"] = or_null(c.interval_distance_decades);
+  json["real"]["interval_median_us"] = or_null(c.real.interval_median_us);
+  json["sim"]["interval_median_us"] = or_null(c.sim.interval_median_us);
   json["delays"] = c.delays ? to_json(*c.delays) : Json(nullptr);
   json["realism"] = c.realism ? to_json(*c.realism) : Json(nullptr);
   json["warnings"] = c.warnings;

@@ -185,8 +185,6 @@ MeasuredDelays measure_delays(std::span<const Event> events, int width, int heig
 
 namespace {
 
-Json or_null(const auto& value) { return value ? Json(*value) : Json(nullptr); }
-
 Json json_of(const TurningDisk& d) {
   return {{"centre_x", d.centre_x},         {"centre_y", d.centre_y}, {"radius_px", d.radius_px},
           {"speed_deg_s", d.speed_deg_s},   {"sectors", d.sectors},   {"on_edge_deg", d.on_edge_deg},

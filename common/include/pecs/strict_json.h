@@ -21,6 +21,12 @@ Json parse_json(const std::string& text, const std::string& file);
 // Like dump(), but replaces bytes that are not UTF-8 (of file names) instead of throwing.
 std::string text_of(const Json& json, int indent = -1);
 
+// The value; null without one.
+template <class T>
+Json or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json();
+}
+
 struct Range {
   double min = -std::numeric_limits<double>::infinity();
   double max = std::numeric_limits<double>::infinity();

@@ -360,7 +360,6 @@ Json SenseRun::light_report() {
 }
 
 Json SenseRun::config() const {
-  const auto optional = [](const auto& value) { return value ? Json(*value) : Json(); };
   const PhotocurrentOptions& light = options_.light;
   const bool has_white = source_->info().quantity == Quantity::relative && !light.gain;
   return {{"chip", chip_to_json(chip_)},
@@ -370,18 +369,18 @@ Json SenseRun::config() const {
           {"stages", stages_to_json(options_.stages)},
           {"input", source_->layout()},
           {"bands", options_.monte_carlo_bands ? fmt::format("mc:{}", options_.monte_carlo_bands) : "all"},
-          {"gain", optional(light.gain)},
+          {"gain", or_null(light.gain)},
           {"white_photocurrent_a", has_white ? Json(light.photocurrent_a.value_or(kDefaultWhite_a)) : Json()},
           {"seed", options_.seed},
           {"no_noise", options_.no_noise},
           {"warmup_loops", options_.window.warmup_loops},
           {"warmup_us", options_.window.warmup_us},
           {"start_us", options_.window.start_us},
-          {"duration_us", optional(options_.window.duration_us)},
-          {"fnumber", optional(light.gain      ? std::nullopt
-                               : light.fnumber ? light.fnumber
-                                               : source_->info().fnumber)},
-          {"fps", optional(options_.times.fps)},
+          {"duration_us", or_null(options_.window.duration_us)},
+          {"fnumber", or_null(light.gain      ? std::nullopt
+                              : light.fnumber ? light.fnumber
+                                              : source_->info().fnumber)},
+          {"fps", or_null(options_.times.fps)},
           {"motion", moves_},
           {"render_noise", noise_ ? options_.render_noise : 0}};
 }
