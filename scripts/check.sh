@@ -62,7 +62,7 @@ build_tbb() {
 
 check_tsan() {
   build_tbb
-  RUN=(setarch "$(uname -m)" -R)  # the sanitizer's shadow memory fits beside fixed addresses only
+  RUN=(setarch "$(uname -m)" -R)  # the sanitizer's shadow memory requires fixed addresses
   local known=("$ROOT"/build/tsan-tbb/onetbb-*/cmake/suppressions/tsan.suppressions)
   export TSAN_OPTIONS="halt_on_error=1:second_deadlock_stack=1:suppressions=${known[0]}"
   build tsan test_lens test_metrics test_sensor

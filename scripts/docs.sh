@@ -22,7 +22,7 @@ say "C header (Doxygen)"
 rm -rf out/docs/c
 (cat scripts/cmake/Doxyfile; echo "PROJECT_NUMBER = $(cat VERSION)") | doxygen - >out/docs/doxygen.log || { cat out/docs/doxygen.log; die "docs.sh: doxygen failed"; }
 
-export NO_MKDOCS_2_WARNING=1  # the theme's advertisement, which is no warning of ours
+export NO_MKDOCS_2_WARNING=1  # the theme's advertisement, which is not about this site
 if [ "${1:-}" = --serve ]; then
   exec "$DOCS_PY" -m mkdocs serve --strict
 fi

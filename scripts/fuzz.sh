@@ -15,7 +15,7 @@ cmake --build "$BUILD" --target fuzzers >"$BUILD/build.log" 2>&1 || { tail -30 "
 mkdir -p "$FUZZ/found" "$FUZZ/corpus"
 PECS_DATA="$ROOT" "$BUILD/bin/fuzz_seeds" "$FUZZ/seeds"
 
-# Libraries that are not ours leak on damaged files; HDF5 keeps lists of what it freed. Inputs are short: 8 MiB of freed
+# Other libraries leak on damaged files; HDF5 keeps lists of what it freed. Inputs are short: 8 MiB of freed
 # memory are watched for long enough, and 256 MiB of it would only be page faults.
 export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=0:quarantine_size_mb=8 UBSAN_OPTIONS=print_stacktrace=1
 

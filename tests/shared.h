@@ -1,5 +1,5 @@
 #pragma once
-// The folder shared/ that lies beside a developer's checkout (recordings, prescriptions); absent on a user's machine.
+// The folder shared/ next to a developer's checkout (recordings, prescriptions); absent on a user's machine.
 // And errors of calls.
 #include <gtest/gtest.h>
 

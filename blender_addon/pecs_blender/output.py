@@ -104,7 +104,7 @@ def is_stack(folder: Path, stack: dict[str, Any]) -> bool:
     """Whether the folder contains this very stack."""
     try:
         return bool(json.loads((folder / "stack.json").read_bytes()) == json.loads(json.dumps(stack)))
-    except (OSError, ValueError):  # none of ours
+    except (OSError, ValueError):  # none of PECS
         return False
 
 

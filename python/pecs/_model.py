@@ -149,7 +149,7 @@ def _load(text: str) -> _Models:
 
 
 def _line_of(error: BaseException, model: str, verbose: bool) -> tuple[int, str]:
-    """Exit code and line. An error of the model's file has its place; --verbose prints the traceback, too."""
+    """Exit code and line. An error of the model's file has its place; --verbose also prints the traceback."""
     if isinstance(error, PecsError):
         return error.code, str(error)
     if verbose:
@@ -183,8 +183,8 @@ def _serve(text: str, verbose: bool, read: BinaryIO, write: BinaryIO) -> None:
                 planes = np.frombuffer(message, np.float32, offset=25)
                 send(b"=" + models.interval(number, planes, np.array([begin_us, end_us])).tobytes())
     except (KeyboardInterrupt, ConnectionError):
-        return  # the program ends, too, or has ended
-    except BaseException as e:  # SystemExit, too
+        return  # the program also ends, or has ended
+    except BaseException as e:  # also SystemExit
         code, line = _line_of(e, text, verbose)
         with suppress(OSError):  # the model closed the stream
             send(json.dumps({"code": int(code), "error": one_line(line)}).encode())

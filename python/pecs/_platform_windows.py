@@ -100,7 +100,7 @@ def become(command: Sequence[str]) -> NoReturn:
     """Windows replaces no process: this one waits, and ends as the program does."""
     _end_children_with_this()
     process = subprocess.Popen(command)
-    for number in (signal.SIGINT, signal.SIGBREAK):  # which the program gets, too
+    for number in (signal.SIGINT, signal.SIGBREAK):  # which the program also gets
         signal.signal(number, lambda *_: None)
     os._exit(process.wait())
 

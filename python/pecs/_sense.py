@@ -48,9 +48,9 @@ def sense(
     progress : callable, optional
         Called with the share done, 0 to 1; an exception from it stops the work.
     overrides, biases, bias_file, preset, model, parameters, noise, seed, readout, threads
-        As of `Sensor`.
+        As in `Sensor`.
     roi, mask, afk_hz, afk_pass_hz, afk_counts, trail_us, stc_us, stc_keep_us, erc_hz
-        As of `Sensor`.
+        As in `Sensor`.
     white_a : float, optional
         Photocurrent [A] of white, for models that take grey values. Default: 99.5 % of the first frame.
     format : str, optional
@@ -64,7 +64,7 @@ def sense(
     fnumber : float, optional
         Of the lens, for a stack of radiance. Default: that of the stack.
     gain, photocurrent_a : float, optional
-        As of `Chip.amperes_per_unit`, for relative light.
+        As in `Chip.amperes_per_unit`, for relative light.
     bands : str
         "all" (default), or "mc:N" for N bands drawn by their light.
     frames : str or path, optional

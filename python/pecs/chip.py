@@ -141,7 +141,7 @@ class Chip(Handle):
         """Photocurrent [A] of a stack's frames (default: all) without dark current: [height, width] of one frame,
         [frames, height, width] of several. Negative light gives 0; light that is not finite gives NaN.
 
-        fps: frame rate [Hz] of a folder without stack.json. fnumber, gain and photocurrent_a as of `amperes_per_unit`.
+        fps: frame rate [Hz] of a folder without stack.json. fnumber, gain and photocurrent_a as in `amperes_per_unit`.
         """
         some = None if frames is None else np.atleast_1d(np.asarray(frames))
         if some is not None and some.size and some.dtype.kind not in "iu":

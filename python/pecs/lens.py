@@ -170,7 +170,7 @@ class Lens(Handle):
         Parameters
         ----------
         focus_m, stop_diameter_mm, fnumber : float, optional
-            As of `Lens`.
+            As in `Lens`.
         lambda_nm : float
             Wavelength [nm]. Default 587.56.
         film_width_mm, film_height_mm : float
@@ -189,11 +189,11 @@ class Lens(Handle):
 
     def pupil(self, **options: Unpack[PupilOptions]) -> dict[str, Any]:
         """The exit pupil over the film radius: film radius, covering ellipse, exact area and irradiance per radiance.
-        Options as of `info`."""
+        Options as in `info`."""
         return self._answer(_pupil, options)
 
     def draw(self, **options: Unpack[DrawOptions]) -> str:
-        """Draw a section of the lens with rays, as SVG. Options as of `info`; `bands_nm` are the wavelengths [nm] of
+        """Draw a section of the lens with rays, as SVG. Options as in `info`; `bands_nm` are the wavelengths [nm] of
         the rays."""
         return take_text(self._call(_draw, options_bytes(_plain(options))))
 
@@ -205,7 +205,7 @@ class Lens(Handle):
         bands_nm : sequence of float
             One to three wavelengths [nm]: red, green and blue of the pass.
         focus_m, stop_diameter_mm, fnumber : float, optional
-            As of `Lens`.
+            As in `Lens`.
         focus_bands_nm : sequence of float, optional
             All bands of the stack, for one common focus. Default: `bands_nm`.
         film_width_mm, film_height_mm : float, optional
@@ -250,11 +250,11 @@ class Lens(Handle):
         lambda_nm : float
             Wavelength [nm]. Default 550.
         focus_m, stop_diameter_mm, fnumber : float, optional
-            As of `Lens`.
+            As in `Lens`.
         focus_bands_nm : sequence of float, optional
-            As of `camera`.
+            As in `camera`.
         film_shift_mm, film_tilt_deg : (float, float)
-            x and y, as of `camera`. Default (0, 0).
+            x and y, as in `camera`. Default (0, 0).
 
         Returns
         -------

@@ -49,7 +49,7 @@ class Light(Handle):
     threads : int
         Number of threads. Default 0: all.
     fnumber, gain, photocurrent_a : float, optional
-        As of `Chip.amperes_per_unit`.
+        As in `Chip.amperes_per_unit`.
 
     Attributes
     ----------
@@ -100,14 +100,14 @@ class Light(Handle):
         return out
 
     def mean(self, begin_us: float, end_us: float, steps: int | None = None) -> NDArray[np.float32]:
-        """The mean photocurrent [A] over a time [us] from the first frame, as of a global shutter, [chips, height,
-        width]. `steps` as of `exposure`."""
+        """The mean photocurrent [A] over a time [us] from the first frame, of a global shutter, [chips, height,
+        width]. `steps` as in `exposure`."""
         return self.exposure(begin_us, end_us - begin_us, steps=steps)
 
     def exposure(
         self, begin_us: float, exposure_us: float, row_delay_us: float = 0.0, steps: int | None = None
     ) -> NDArray[np.float32]:
-        """The mean photocurrent over each row's exposure, as of a rolling shutter.
+        """The mean photocurrent over each row's exposure, of a rolling shutter.
 
         The exposure is cut into equal cells, each with the light of its middle. With a row delay, the cells begin at
         `begin_us`, and those at the ends of a row's exposure count in part; all rows together may have 2^20 cells.

@@ -36,7 +36,7 @@ def compare(
     Parameters
     ----------
     real, sim : structured array
-        Recorded and simulated events, as of `pecs.read`.
+        Recorded and simulated events, as in `pecs.read`.
     width, height : int
         Size of the sensor [pixels]. Default 0: that of each stream; a stream without one has that of `real`.
     normalisation : str

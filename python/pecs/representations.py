@@ -83,7 +83,7 @@ def time_surface(
 ) -> _Planes:
     """Time surface (Lagorce et al., HOTS, TPAMI 2017): exp(-(end_us - t) / tau_us) of the pixel's last event.
 
-    [2, height, width], OFF and ON; 0 without an event. Arguments as of `voxel_grid`; tau_us: time constant [us].
+    [2, height, width], OFF and ON; 0 without an event. Arguments as in `voxel_grid`; tau_us: time constant [us].
     """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2, height, width, out)
@@ -102,7 +102,7 @@ def event_histogram(
 ) -> _Planes:
     """Counts of events, as RVT's stacked histograms (Gehrig & Scaramuzza, CVPR 2023), without their upper limit.
 
-    [2 * bins, height, width]: all bins in time of OFF, then all of ON. Arguments as of `voxel_grid`.
+    [2 * bins, height, width]: all bins in time of OFF, then all of ON. Arguments as in `voxel_grid`.
     """
     some, begin, end = _window(events, begin_us, end_us)
     planes = _planes(2 * bins, height, width, out)

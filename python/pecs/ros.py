@@ -369,7 +369,7 @@ def read_bag(path: str | PathLike[str], topic: str | None = None, *, late: str |
     topic : str, optional
         Required if several topics have events.
     late : str, optional
-        As of `pecs.read`.
+        As in `pecs.read`.
 
     Raises
     ------

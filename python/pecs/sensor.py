@@ -362,7 +362,7 @@ def simulate(
     chip_frames : bool
         Also return the frames that the chip takes (davis346, davis240c). Default False.
     **options
-        As of `Sensor`.
+        As in `Sensor`.
 
     Returns
     -------

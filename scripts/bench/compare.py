@@ -1,4 +1,4 @@
-"""Speed of pecs.compare beside scipy's KD-tree doing the same distances on the same cores; prints JSON.
+"""Speed of pecs.compare and of scipy's KD-tree doing the same distances on the same cores; prints JSON.
 
     python scripts/bench/compare.py [--events 350000] [--passes 3]
 

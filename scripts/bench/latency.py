@@ -1,4 +1,4 @@
-"""First-event latency of a chip before a lamp that is switched on and off, beside NIST's measurement. JSON.
+"""First-event latency of a chip before a lamp that is switched on and off, and NIST's measurement. JSON.
 
     python scripts/bench/latency.py [--chip imx636] [--measured latency_cam1.json --camera CAM1]
 

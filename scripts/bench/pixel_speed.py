@@ -8,7 +8,7 @@ bandwidth: medians of the passes, and the first one (cold). JSON. Events are arr
     static  1280x720, 100 frames
 
 --esim: a checkout of github.com/uzh-rpg/rpg_vid2e, which is compiled here (g++, OpenCV, Eigen, Boost) and runs by turns
-on the same frames; use --chip ideal. Ours sorts its events and hands them on 64 frames at a time, as to a file; esim
+on the same frames; use --chip ideal. PECS sorts its events and hands them on 64 frames at a time, as to a file; esim
 does not sort, and keeps them. Threads are compared by the wall's clock, so on a quiet machine.
 """
 

@@ -1,6 +1,6 @@
 # `cmake --install` installs the program, libpecs with header, CMake package and pkg-config file, and the data files in
 # share/pecs, where data_dir() finds them from the program and the library. A wheel has no links and no C users: program
-# and library are beside the Python modules, the library with one name.
+# and library are in the folder of the Python modules, the library with one name.
 if(SKBUILD)
   set(data pecs/_lib/share/pecs)
   install(TARGETS pecs_c LIBRARY DESTINATION pecs/_lib COMPONENT python RUNTIME DESTINATION pecs/_lib COMPONENT python)

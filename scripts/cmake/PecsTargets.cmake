@@ -94,7 +94,7 @@ function(pecs_add_fuzzer kind)
   endif()
   add_test(NAME test_fuzz.${kind} COMMAND ${name} ${ARG_RUNS} ${words} ${PROJECT_BINARY_DIR}/fuzz_seeds/${kind}
     ${CMAKE_CURRENT_SOURCE_DIR}/corpus/${kind})
-  # Libraries that are not ours leak on damaged files; HDF5 keeps lists of what it freed.
+  # Other libraries leak on damaged files; HDF5 keeps lists of what it freed.
   set_tests_properties(test_fuzz.${kind} PROPERTIES FIXTURES_REQUIRED fuzz_seeds
     ENVIRONMENT "PECS_DATA=${PROJECT_SOURCE_DIR};ASAN_OPTIONS=detect_leaks=0:hard_rss_limit_mb=2048;UBSAN_OPTIONS=print_stacktrace=1")
 endfunction()

@@ -51,7 +51,7 @@ def scene() -> None:
 
 
 def arrange() -> None:
-    """Blender's own layout: the properties editor at its default width, as tall as it can be, beside a plain view."""
+    """Blender's own layout: the properties editor at its default width, as tall as it can be, next to a plain view."""
     one = area("PROPERTIES")
     move_top(one, 700)
     one.spaces.active.context = "RENDER"

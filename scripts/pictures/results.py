@@ -73,7 +73,7 @@ def beside(name: str, x: np.ndarray, ours: dict, theirs: dict, who: str, labels:
 
 
 def lights() -> None:
-    """imx636 beside what others measured of its kind; prints the ratios of noise."""
+    """imx636 and what others measured of its kind; prints the ratios of noise."""
     delays = {p: over_light.over_regions(of) for p, of in over_light.delays_us("imx636").items()}
     delays = {p: of | {"ends": (of["min"], of["max"])} for p, of in delays.items()}
     labels = {"xlabel": "irradiance at the chip, W/m²", "ylabel": "delay of the first event, µs"}
@@ -95,7 +95,7 @@ def lights() -> None:
 
 
 def fits(recording: Path) -> None:
-    """20 ms of a recording's second half beside models with the values of fits.json, on every second pixel; 0.5 ms of
+    """20 ms of a recording's second half and of models with the values of fits.json, on every second pixel; 0.5 ms of
     events in each frame."""
     coarser, begin_us, length_us, window_us, head_px = 2, 30_000, 20_000, 500, 44
     disk, events, _ = computed_disk.examine(str(recording))

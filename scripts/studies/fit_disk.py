@@ -1,7 +1,7 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""A chip profile beside a recording of a turning disk. Only the light of the disk's regions is estimated, each from its
-number of events. Model and recording are compared as by `pecs compare --disk` (docs/reference/metrics.md), background
-beside the disk included.
+"""A chip profile compared with a recording of a turning disk. Only the light of the disk's regions is estimated, each
+from its number of events. Model and recording are compared as by `pecs compare --disk` (docs/reference/metrics.md),
+background around the disk included.
 
     scripts/studies/fit_disk.py R_360_L.hdf5 [--chip imx636] [--contrast 12] [--step 150] [--simulation OUT.raw]
 

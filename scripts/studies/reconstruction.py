@@ -1,4 +1,4 @@
-"""Video from events on real recordings: methods beside the frames of the same camera.
+"""Video from events on real recordings: methods and the frames of the same camera.
 
     .venv-datasets/bin/python scripts/studies/reconstruction.py ../shared/data/real [NAME=NETWORK.onnx ...]
         [--window-ms 10 20 40] [-o scripts/studies/reconstruction.json] [--picture docs/studies/reconstruction.png]
@@ -6,7 +6,7 @@
 Methods are the filter, the network that PECS includes (`shipped`) and those that are named, also with `--smooth`.
 Windows have each of the lengths; the picture nearest to a frame's time is scored.
     camerashake (DAVIS240C): sharp frames after motion, and in stillness
-    cups (DAVIS346): the mean of the pictures in an exposure beside the frame, which motion blurs
+    cups (DAVIS346): the mean of the pictures in an exposure and the frame, which motion blurs
     R_360_L: edges of the lab's disk, on every fourth pixel, after the first fifth of the recording, with and
         without the corner frequency of its pixels
 --picture shows drawn sequences that no network was trained on, since the recordings have no licence for a page.

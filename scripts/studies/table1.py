@@ -5,9 +5,9 @@ there is one, else against `pecs`.
     scripts/tools/sequences.py all -o out/sequences --coarser 4 -- --bands 3 --samples 4
     scripts/studies/table1.py out/sequences [--real NAME=FILE ...] [--sensor-grid]
 
-Writes table1.json and table1.md into the folder: published numbers, and ours in the paper's arithmetic
-and in shared normalisation (docs/reference/metrics.md), with 95 % intervals; on the disk, the earth mover's distance of
-the delays, too. A stack coarser than the sensor is compared with the recording's pixels at its pixels' centres, or with
+Writes table1.json and table1.md into the folder: published numbers, and those of PECS in the paper's arithmetic and in
+shared normalisation (docs/reference/metrics.md), with 95 % intervals; on the disk, also the earth mover's distance of
+the delays. A stack coarser than the sensor is compared with the recording's pixels at its pixels' centres, or with
 --sensor-grid its light is interpolated to the sensor's pixels, so that all events count. Default recording:
 ../shared/data/real/R_360_L.hdf5 if there.
 """

@@ -1,4 +1,4 @@
-// aligned.json and the scene.json beside it, divided by a line "---".
+// aligned.json and the scene.json of its folder, divided by a line "---".
 #include <fstream>
 
 #include "fuzz.h"

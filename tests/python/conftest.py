@@ -1,4 +1,4 @@
-"""Fixtures. `shared` is the folder of recordings and prescriptions beside a developer's checkout; tests that need it
+"""Fixtures. `shared` is the folder of recordings and prescriptions next to a developer's checkout; tests that need it
 skip on a machine without it."""
 
 import os

@@ -426,7 +426,7 @@ TEST(LawReference, WithoutNoiseIsTheKernel) {
   }
 }
 
-// Single precision has no room for the leak of one short interval beside the reference.
+// Single precision has no room for the leak of one short interval next to the reference.
 TEST(LawReference, TheLeakIsAsFastInShortIntervals) {
   for (const double spacing_us : {10'000.0, 25.0}) {
     const Chip chip = noisy("imx636");

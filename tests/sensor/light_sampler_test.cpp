@@ -117,7 +117,7 @@ TEST(LightSampler, MosaicPicksTheLightOfEachPixelsFilter) {
         ASSERT_EQ(all[2 * k * Moving::kPixels + i], of_filters[(2 * k + is_b) * Moving::kPixels + i]) << x << " " << y;
         ASSERT_EQ(all[(2 * k + 1) * Moving::kPixels + i], without[k * Moving::kPixels + i]);
       }
-    // Rows that are exposed one after another, too.
+    // Also rows that are exposed one after another.
     const Exposure rolling{100, 400, 7, 16};
     const Plane rows = exposed(light, rolling), rows_of_filters = exposed(behind, rolling);
     for (std::size_t i = 0; i < Moving::kPixels; ++i) {

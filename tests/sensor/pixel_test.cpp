@@ -68,7 +68,7 @@ TEST(Pixel, RateHasNoLineAtTheFrames) {
 }
 
 // More than are solved together, of each pixel.
-// Pixels with thresholds only have a kernel of their own: it finds the crossings on both sides of an extremum, too.
+// Pixels with thresholds only have a kernel of their own: it finds the crossings on both sides of an extremum.
 TEST(Pixel, TurningLightHasTheEventsOfPixelsWithAState) {
   const Clip clip = make_clip(200, 1, 40, 1000, [](int x, int, double t) {
     return std::exp(0.6 * std::sin(1e-3 * t * (0.3 + 0.004 * x)) + 0.2 * std::sin(2.9e-3 * t + x));

@@ -122,7 +122,7 @@ double Glass::unshifted(double lambda_nm) const {
 
 std::optional<Glass> catalog_glass(const std::string& catalog, const std::string& name) {
   const auto path = data_dir("lens_data/glasses") / lower(catalog) / (without_remark(name) + ".json");
-  std::error_code no_name_of_a_file;  // as of one too long
+  std::error_code no_name_of_a_file;  // such as one too long
   if (!std::filesystem::is_regular_file(path, no_name_of_a_file)) return std::nullopt;
   return Glass::from_file(path);
 }

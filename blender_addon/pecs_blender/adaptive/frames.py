@@ -27,7 +27,7 @@ from .keyframes import FAST, Keyframes, Paths
 from .sharing import average_samples
 
 SHARED = 2  # keyframes on each side whose samples are shared
-ANCHOR_EVERY = 64  # keyframes; at a cut, too
+ANCHOR_EVERY = 64  # keyframes; also at a cut
 
 # Motion as written: its files are a third as large as without rounding
 MOTION_STEP_PX = 2.0**-10

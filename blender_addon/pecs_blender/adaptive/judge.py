@@ -55,7 +55,7 @@ class Judge:
     def photocurrent(
         self, light: np.ndarray, bands: slice = slice(None), factors: np.ndarray | tuple = ()
     ) -> np.ndarray:
-        """[height, width] of some bands of light [bands, height, width], or of light as of `lit` with its factors;
+        """[height, width] of some bands of light [bands, height, width], or of light as in `lit` with its factors;
         further channels are ignored."""
         lit = self.lit(light, factors)[: len(self.weights)][bands]
         return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), lit)

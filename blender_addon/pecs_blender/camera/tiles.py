@@ -65,7 +65,7 @@ def differing_blocks(
     """Blocks whose light differs by more than `tolerance` times itself plus a shift of its edges by EDGE_PX, and by
     more than `sigmas` times the scatter within blocks. a, b: [height, width] with `subpixels` per sensor pixel in x and
     y; NaN pixels are ignored. halves: half the difference of the halves of b's samples, from which the noise of blocks
-    and their neighbours follows, too; a bright path in one of them does not count."""
+    and their neighbours also follows; a bright path in one of them does not count."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
@@ -144,7 +144,7 @@ def probe_strips(width: int, height: int, index: int) -> list[Box]:
 
 
 def boxes(tiles: np.ndarray, width: int, height: int, call_px: float, around_px: float = 0) -> list[Box]:
-    """Rectangles [px] that cover the tiles without overlap. They may cover other tiles, too: each rectangle costs its
+    """Rectangles [px] that cover the tiles without overlap. They may also cover other tiles: each rectangle costs its
     pixels and those around it up to this distance, and `call_px` pixels more for the call that handles it."""
     call, around = call_px / TILE_PX**2, 2 * around_px / TILE_PX
 

@@ -17,7 +17,7 @@ class Timeline:
 
     @property
     def bounds_ns(self) -> list[int]:
-        """Bounds of the intervals between instants; with a period, the last instant begins an interval, too."""
+        """Bounds of the intervals between instants; with a period, the last instant also begins an interval."""
         return self.times_ns + ([self.times_ns[0] + self.period_ns] if self.period_ns else [])
 
 

@@ -62,7 +62,7 @@ def constant(value: float) -> Spectrum:
 
 
 def load(name_or_path: str, folder: Path | None = None) -> Spectrum:
-    """A spectrum as of pecs.spectrum; `folder`: of relative CSV paths."""
+    """A spectrum as in pecs.spectrum; `folder`: of relative CSV paths."""
     is_file = name_or_path.endswith(".csv")
     source = str((folder or Path()).absolute() / name_or_path) if is_file else name_or_path
     lambda_nm, value = _table(source)

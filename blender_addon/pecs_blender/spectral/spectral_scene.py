@@ -71,7 +71,7 @@ class ColourRole:
 
 @dataclass(frozen=True)
 class Linked:
-    """A colour that nodes compute. node: the last of them; owner: the shader's socket. dark: as of Constant."""
+    """A colour that nodes compute. node: the last of them; owner: the shader's socket. dark: as in Constant."""
 
     node: object
     owner: object

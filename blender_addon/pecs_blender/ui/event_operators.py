@@ -259,7 +259,7 @@ ALIKE, CORRELATED = 0.1, 0.9  # deviation up to which two values count as alike;
 
 def score_rows(scores: dict) -> list[tuple[str, str, str, str, bool]]:
     """From the JSON of `pecs compare`: label, value of the recording, value of the simulation, ratio or correlation,
-    and whether they are alike. A distance stands beside that of the recording's two halves."""
+    and whether they are alike. The first value of a distance is that of the recording's two halves."""
     rows = []
     for label, key in (("Chamfer", "chamfer"), ("Gaussian", "gaussian")):
         floor, score = scores["split_half"][key], scores[key]

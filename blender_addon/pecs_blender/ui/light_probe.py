@@ -41,7 +41,7 @@ class PECS_OT_probe_light(operators.Renders, bpy.types.Operator):
         name, used = scene.name, measured_with(scene)
 
         def done(job: BackgroundJob) -> str:
-            line = next(line for line in job.answer if line.startswith("{"))  # beside Blender's own output
+            line = next(line for line in job.answer if line.startswith("{"))  # among Blender's own output
             measured = json.loads(line)
             state.light[name] = measured | {"settings": used}
             return ": ".join(rows(measured)[0])

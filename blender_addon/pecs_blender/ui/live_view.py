@@ -439,7 +439,7 @@ def part_of_view(projection: Matrix, rectangle: Rectangle, region) -> Matrix:
 
 
 def _write(lines: list[tuple[str, tuple]], area) -> None:
-    """Draws lines of text in the lower left corner, beside the toolbar."""
+    """Draws lines of text in the lower left corner, next to the toolbar."""
     scale = bpy.context.preferences.system.ui_scale
     left = sum(r.width for r in area.regions if r.type == "TOOLS") + MARGIN_PX
     blf.size(0, 12 * scale)

@@ -212,7 +212,7 @@ PECS_API pecs_chip* pecs_chip_open(const char* path_or_name, const char* overrid
 PECS_API char* pecs_chip_info(const pecs_chip* chip, pecs_error* error);
 /* Amperes in a pixel per unit of each band's value. options: {"bands": [{"lambda_nm", "weight_nm"}, ...], "quantity":
  * "irradiance" | "radiance" | "relative", "fnumber": of the lens, for radiance, "gain" and "photocurrent_a": for
- * relative light, as of `pecs sense`}. result: {"amperes_per_unit": [per band]}. */
+ * relative light, as in `pecs sense`}. result: {"amperes_per_unit": [per band]}. */
 PECS_API char* pecs_chip_amperes_per_unit(const pecs_chip* chip, const char* options_json, pecs_error* error);
 /* The photocurrent [A] of a stack's frame: out_a[height][width]. options: {"fnumber", "gain", "photocurrent_a"} as
  * above. Negative light gives 0, what is not finite gives NaN. Returns the number of pixels. */
@@ -250,11 +250,11 @@ typedef struct pecs_model {
   int takes_light;  /* planes are photocurrent [A]; 0: grey values from 0 to 255 (white) */
   int tells_causes; /* events have causes: "labels" may be asked for */
   void* user;
-  /* A state of its own for each simulation; NULL: failed. setup_json: {"width", "height", "seed", "chip": as of
+  /* A state of its own for each simulation; NULL: failed. setup_json: {"width", "height", "seed", "chip": as in
    * pecs_chip_info without ranges, "parameters": the option "param"}. */
   void* (*begin)(const char* setup_json, void* user);
   /* One interval. planes: [2][height][width], the light at its begin and end; t_us: both times. events: is pointed to
-   * [count][5] numbers t_us, x, y, p (1: ON, 0: OFF) and cause (as of pecs_sensor_labels; 0 without tells_causes), in
+   * [count][5] numbers t_us, x, y, p (1: ON, 0: OFF) and cause (as in pecs_sensor_labels; 0 without tells_causes), in
    * any order, from the interval's begin to 10 ms after its end, valid until the next call. Returns count; -1: failed,
    * and so does the call that simulates. */
   int64_t (*interval)(void* state, const float* planes, const double* t_us, const double** events);
@@ -308,8 +308,8 @@ PECS_API int64_t pecs_event_labels(const pecs_event* events, int64_t count, cons
 
 typedef struct pecs_sensor pecs_sensor;
 /* Frames in memory. options: {"width": w, "height": h, "photocurrent_a": amperes for a value of 1, "labels": false,
- * "chip_frames": false} and "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as of
- * pecs_sense. model: as of pecs_sense; its functions must outlive the sensor. */
+ * "chip_frames": false} and "chip", "set", "no_noise", "seed", "threads", "preset", "model", "param", "readout" as in
+ * pecs_sense. model: as in pecs_sense; its functions must outlive the sensor. */
 PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, const pecs_model* model, pecs_error* error);
 /* frames: [count][height][width], linear light; t_us: their times, rising from push to push. An interval's events come
  * with the second frame after it, or when `last` says that no frame follows. Negative light is taken as 0; a pixel
@@ -317,7 +317,7 @@ PECS_API pecs_sensor* pecs_sensor_open(const char* options_json, const pecs_mode
 PECS_API int64_t pecs_sensor_push(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count, int last,
                                   pecs_error* error);
 /* The same where it is known how things moved in the interval before each frame: motion is [count][channels][height]
- * [width], channels as of pecs_carrier_open; that of the first frame ever is not looked at. Light between the frames is
+ * [width], channels as in pecs_carrier_open; that of the first frame ever is not looked at. Light between the frames is
  * carried along it, so often that nothing moves more than half a pixel. */
 PECS_API int64_t pecs_sensor_push_moving(pecs_sensor* sensor, const float* frames, const double* t_us, int64_t count,
                                          const float* motion, int channels, int last, pecs_error* error);

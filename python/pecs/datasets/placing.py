@@ -33,7 +33,7 @@ def _files(table: Table, key: str, *kinds: str) -> tuple[str, ...]:
     found = sorted(str(p.relative_to(beside)) for p in there if p.suffix.lower() in kinds)
     if not found:
         raise table.fail(
-            key, f"{pattern}: no file", f"a folder or a pattern of {', '.join(kinds)} files beside the recipe"
+            key, f"{pattern}: no file", f"a folder or a pattern of {', '.join(kinds)} files in the recipe's folder"
         )
     return tuple(found)
 

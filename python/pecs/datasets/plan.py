@@ -2,7 +2,7 @@
 the run and a resumed run read the plan; nothing else is drawn or resolved.
 
 Each drawn value has a separate generator, keyed by the recipe's seed, the sequence's number and the value's name:
-sequence 7 is the same in a set of ten and of a thousand, and a new range beside it changes no other value.
+sequence 7 is the same in a set of ten and of a thousand, and a further range changes no other value.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def at(recipe: Recipe, place: str) -> Iterator[None]:
 @dataclass(frozen=True)
 class Pixels:
     """Pixels of a camera. owner: the camera whose place, lens and pixels it has, often the camera itself. chip, mask:
-    names, or files beside the recipe."""
+    names, or files in the recipe's folder."""
 
     owner: CameraEntry
     width: int
@@ -367,6 +367,6 @@ def _pixels(recipe: Recipe, entry: CameraEntry) -> Pixels:
 
 
 def _named(recipe: Recipe, name: str) -> str | Path:
-    """The file of that name beside the recipe, or the name."""
+    """The file of that name in the recipe's folder, or the name."""
     path = recipe.path.parent / name
     return path if path.is_file() else name

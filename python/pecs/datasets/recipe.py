@@ -220,7 +220,7 @@ def _unique(top: Table, place: str, names: list[str]) -> None:
 
 
 def _path(table: Table, key: str) -> Path:
-    """A file or a folder beside the recipe, or the name of a scene of PECS."""
+    """A file or a folder in that of the recipe, or the name of a scene of PECS."""
     path = Path(str(table.file)).parent / table.text(key)
     if is_file_name(name := table.text(key)) and not path.exists():
         path = next((folder / name for folder in scene_folders() if (folder / name).is_dir()), path)

@@ -4,7 +4,7 @@ Bayer pattern, colour.
 The three filters are bell curves (PEAKS_NM), assumed: as dye filters of common sensors, behind a filter that cuts the
 ultraviolet and infrared. Electrons are photocurrent x exposure / e, so shot noise is that of the light. The colour
 matrix gives sRGB's three primaries under the stack's illuminant their own colours with these filters and these bands;
-white stays white with few bands, too.
+white also stays white with few bands.
 """
 
 from __future__ import annotations

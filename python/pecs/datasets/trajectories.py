@@ -303,7 +303,7 @@ def _hand_held(p: dict, clock: Clock, route: _Route, rng) -> tuple[Path, dict]:
         yaw_deg = p["yaw_deg"] if p["yaw_deg"] is not None else float(rng.uniform(0, 360))
         drawn = {"yaw_deg": yaw_deg}
         wander += np.radians([yaw_deg, p["pitch_deg"]])
-    turned = spline(knots, wander, 5)  # yaw and pitch in the world, or pitch and yaw beside the target
+    turned = spline(knots, wander, 5)  # yaw and pitch in the world, or pitch and yaw relative to the target
     shake = _waves(HAND_SHAKE, p["shake"], [1e-3] * 3, [math.radians(1)] * 3, rng)
 
     def path(t, clock_s, way):
@@ -427,7 +427,7 @@ assert set(DRAWS) == set(PARAMETERS) and set(COMMON) <= set(PARAMETERS["still"])
 def needed_m(clearance_m: float, surfaces: Surfaces | None) -> float:
     """Return the distance [m] that a path must keep from every sample.
 
-    The surface between samples is then at least `clearance_m` away, too. An eighth of it is added for the camera's
+    The surface between samples is then also at least `clearance_m` away. An eighth of it is added for the camera's
     motion between two checks.
     """
     return math.hypot(clearance_m, surfaces.spacing_m if surfaces else 0.0) + clearance_m / 8

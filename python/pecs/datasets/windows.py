@@ -53,7 +53,7 @@ class Windows:
     Parameters
     ----------
     sequences : Sequence or iterable of Sequence
-        As of `pecs.datasets.sequences`.
+        As in `pecs.datasets.sequences`.
     camera : str, optional
         Name of an event camera. Default: all.
     by : str

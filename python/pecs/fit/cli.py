@@ -99,7 +99,7 @@ def _parser() -> Parser:
     parser.add_argument("--wavelength", type=Quantity("nm", above=0), metavar="LENGTH", help="of --irradiance")
     about = "a value that stays as in the starting profile; may be repeated"
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help=about)
-    parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with recordings beside the model")
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="a page with the recordings and the model")
     parser.add_argument("--numbers", type=Path, metavar="FILE.json", help="all numbers of the fit")
     about = "also thresholds and hot pixels pixel by pixel, in NAME_pixels.json, in the folder of the profile"
     parser.add_argument("--pixel-map", action="store_true", help=about)

@@ -501,7 +501,7 @@ class Estimate:
         )
 
     def _beside(self, of: DiskEvents) -> dict[str, Value]:
-        """Background, of the pixels beside a disk: at most their rate, since leak and noise are part of it."""
+        """Background, of the pixels around a disk: at most their rate, since leak and noise are part of it."""
         if of.beside is None:
             return {}
         hot, out = hot_pixels.find([of.beside]), {}

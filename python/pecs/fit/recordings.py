@@ -344,7 +344,7 @@ def _in_phase(
     wanted = "".join("+" if c > 0 else "-" for c in change)
     if not fits:
         raise _refuse(
-            file, f"switches {words} (up, down)", f"{wanted} again and again, as of {k} levels {_listed(levels)}"
+            file, f"switches {words} (up, down)", f"{wanted} again and again, for {k} levels {_listed(levels)}"
         )
 
     def likeness(s: int) -> float:

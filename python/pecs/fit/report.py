@@ -1,4 +1,4 @@
-"""The page of a fit, one file: values, what constrains them, and each recording beside the model."""
+"""The page of a fit, one file: values, what constrains them, and each recording with the model."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ COARSER = 8  # steps of the warm-up, but not of its last period, relative to tho
 RING = 0.2, 0.98  # of the radius, as pecs.delays
 STILL_PX = 6.0  # outermost part of the disk, which does not turn
 WALL = 1 / 3  # light next to the disk / in white
-MARGIN_PX = 60  # around a disk whose background is to be seen: with it, noise is simulated there, too
+MARGIN_PX = 60  # around a disk whose background is to be seen: with it, noise is also simulated there
 
 
 def period_us(disk: Disk) -> float:

@@ -1,4 +1,4 @@
-"""The other simulators' own programs beside PECS's models of them, on the same 8-bit frames; a Markdown table. In
+"""The other simulators' own programs and PECS's models of them, on the same 8-bit frames; a Markdown table. In
 brackets: the peer against itself with another seed.
 
     python scripts/studies/peers/compare.py --esim rpg_vid2e --v2e v2e --icns IEBCS --voltmeter DVS-Voltmeter
@@ -61,7 +61,7 @@ class Program:
     t_us: np.ndarray
 
     def run(self, values: dict, seed: int = 1) -> tuple[np.ndarray, float]:
-        """Events, times in whole us as ours are (v2e's single-precision seconds scatter about them); seconds."""
+        """Events, times in whole us as those of PECS (v2e's single-precision seconds scatter about them); seconds."""
         rows, seconds = self.esim(values) if self.peer == "esim" else self.other(values, seed)
         events = unstructured_to_structured(rows, EVENTS)
         events["t"] = np.round(events["t"])
@@ -109,7 +109,7 @@ def phase_overlap(ours: np.ndarray, theirs: np.ndarray, step_us: float) -> float
     return float(np.minimum(*histograms).sum())
 
 
-HEAD = ("model", "setting", "events of the peer", "ours/peer", "ON", "OFF", "same within 1 µs", "intervals", "delays")
+HEAD = ("model", "setting", "events of the peer", "PECS/peer", "ON", "OFF", "same within 1 µs", "intervals", "delays")
 
 
 def cells(row: dict) -> list[str]:

@@ -128,7 +128,7 @@ class Aedat2Reader final : public EventReader<Aedat2Reader> {
   Camera camera_of(const ReadOptions& options) {
     const std::uint64_t begin = file_.offset();
     std::uint32_t used = 0;
-    int x = 0, y = 0;  // most, as of a DAVIS
+    int x = 0, y = 0;  // most, for a DAVIS
     for (std::uint64_t i = 0, whole = (file_.size() - begin) / 8; i < whole; ++i) {
       const auto address = static_cast<std::uint32_t>(__builtin_bswap64(*file_.next<std::uint64_t>()) >> 32);
       if (address & kCameras[0].others && address >> 21) continue;

@@ -1,7 +1,8 @@
 // DSEC HDF5 (dsec.ifi.uzh.ch): /events/t, x, y, p of equal length; /t_offset, added to every t; /ms_to_idx, for every
 // millisecond ms of t the index of the first event with t >= 1000 ms (one more entry than there are begun milliseconds,
-// so that a window may end with the last event). The published files are compressed by blosc (filter 32001), ours by
-// gzip, which every HDF5 library has. The layout has no size: ours is in the attributes width and height of /events.
+// so that a window may end with the last event). The published files are compressed by blosc (filter 32001), those of
+// PECS by gzip, which every HDF5 library has. The layout has no size: PECS writes it to the attributes width and height
+// of /events.
 #include <blosc.h>
 #include <fmt/format.h>
 

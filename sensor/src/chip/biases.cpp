@@ -96,7 +96,7 @@ void apply_biases(Chip& chip, const BiasSettings& biases, const std::vector<std:
                                     bias.offset.front(), bias.offset.back()));
     for (const std::string& text : overrides)
       if (text.starts_with(bias.sets + "="))
-        throw wrong(name, fmt::format("sets {}, which --set sets, too; give one of them", bias.sets));
+        throw wrong(name, fmt::format("sets {}, which --set also sets; give one of them", bias.sets));
     double& value = *threshold_of(chip, bias.sets);
     value *= factor_at(bias, offset);
     chip.set_biases[name] = offset;

@@ -1,6 +1,6 @@
 #pragma once
 // How many events of a run would not come again: in another render of the same scene, and in another recording of the
-// same light. Both are simulated beside the run, and matched by Repeats.
+// same light. Both are simulated along with the run, and matched by Repeats.
 #include <optional>
 
 #include "pecs/sensor/photocurrent.h"

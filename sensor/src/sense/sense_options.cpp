@@ -93,7 +93,7 @@ void read_sensor_options(JsonObject& o, SenseOptions& out) {
   if (o.has("bias"))
     for (const auto& [name, offset] : numbers_of(o.any("bias"), "bias"))
       if (!out.biases.insert({name.starts_with("bias_") ? name.substr(5) : name, offset}).second)
-        o.fail("bias", name + " beside the same without bias_", "each bias once");
+        o.fail("bias", name + " and the same without bias_", "each bias once");
   if (o.has("bias_file")) out.bias_file = o.text("bias_file");
   out.no_noise = o.boolean_or("no_noise", false);
   out.seed = static_cast<std::uint64_t>(

@@ -69,7 +69,7 @@ def test_a_radiance_without_a_stop_comes_before_the_render(root, tmp_path):
 
 
 def test_options_that_work_are_those_of_the_simulation(blend, tmp_path):
-    """Outputs beside the events are written where they were asked for."""
+    """Outputs other than the events are written where they were asked for."""
     words = ("--sense", "--labels", tmp_path / "l.npy", "--no-motion", "--start", "1ms", "--set", "leak_rate_hz=9")
     run(blend, tmp_path / "e.raw", *SMALL, *words, check=True)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["e.raw", "e.raw.run.json", "e.stack", "l.npy"]

@@ -209,7 +209,7 @@ def test_dsec_detection(sequence, exported):
     assert set(tracks["class_id"]) == {8} and set(tracks["track_id"]) == {small.CARD}
     pictures = sorted((at / "images" / "left" / "distorted").glob("*.png"))
     assert len(pictures) == len(times)
-    # What the camera beside would see in the directions of the left one's pixels.
+    # View of the other camera in the directions of the left one's pixels.
     left, _, rgb, _ = small.rig()
     want = np.clip(60 * left.picture(rgb.light(50_000, left.rays)), 0, 255)
     seen = cv2.imread(str(pictures[2]))[..., 1].astype(float)

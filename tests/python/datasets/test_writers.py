@@ -1,4 +1,4 @@
-"""Every format of pecs.datasets.writers but DSEC (test_datasets_dsec.py), read back by readers that are not ours and
+"""Every format of pecs.datasets.writers but DSEC (test_datasets_dsec.py), read back by readers of others and
 compared with the scene itself."""
 
 import csv

@@ -27,7 +27,7 @@ PARTS = {
 # Folders of sensor/src: each includes only those before it. A public header belongs to the folder of its .cpp.
 SENSOR_PARTS = ("spectrum", "chip", "stack", "motion", "light", "pixels", "models", "stages", "sense")
 HEADERS_ALONE = {"stack": "stack", "motion": "motion", "event_slots": "pixels"}  # without a .cpp of their name
-# Part of blender_addon/pecs_blender -> parts that it may import, low to high. Files beside the parts import none of
+# Part of blender_addon/pecs_blender -> parts that it may import, low to high. Files outside the parts import none of
 # them, except the entries.
 ADD_ON = "blender_addon/pecs_blender"
 ADD_ON_PARTS = {

@@ -1,4 +1,4 @@
-"""Our event files by readers that are not ours, and real files read by them and by us, event by event."""
+"""Our event files by readers of others, and real files read by them and by us, event by event."""
 
 import numpy as np
 import pecs

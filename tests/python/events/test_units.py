@@ -122,7 +122,7 @@ def test_times_of_frames(tmp_path, pecs_program, unit, step):
     for i, frame in enumerate(FRAMES.astype(np.float32)):
         cv2.imwrite(str(folder / f"{i}.tif"), frame)
     times = step * np.arange(20)
-    (tmp_path / "t.txt").write_text("\ufeff" + "".join(f"{t:.6f}\n" for t in times))  # as of Windows' editors
+    (tmp_path / "t.txt").write_text("\ufeff" + "".join(f"{t:.6f}\n" for t in times))  # as Windows' editors write it
     args = ["sense", folder, "-o", tmp_path / "o.npz", "--chip", "ideal", "--times", tmp_path / "t.txt"]
     done = pecs_program(*args)
     if unit == "ms":  # 1 us between frames is possible

@@ -33,7 +33,7 @@ def test_a_device_is_written_through(pecs_program, recording, tmp_path, format):
     null = device(tmp_path / "null", 1, 3)
     pecs_program("convert", recording, null, "--format", format, check=True)
     assert stat.S_ISCHR(null.stat().st_mode)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.raw", "null"]  # no record beside a device
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.raw", "null"]  # no record of a device
 
 
 @pytest.mark.parametrize("format", ["npz", "dsec", "metavision-hdf5", "aedat4"])

@@ -25,7 +25,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trainable(sequence, tmp_path_factory):
-    """The small sequence with its light beside it, as recipes with keep.light have it."""
+    """The small sequence with its light, as recipes with keep.light have it."""
     folder = tmp_path_factory.mktemp("light") / "set"
     shutil.copytree(sequence.folder, folder / "sequences" / "0000")
     times = np.arange(0, small_sequence.DURATION_US + 1, 1000)

@@ -169,7 +169,7 @@ def test_faults_of_cameras(trainable):
 
 
 def test_drawn_sequences():
-    """Light that moves smoothly; the same events whatever is drawn beside them; all models see the same light."""
+    """Light that moves smoothly; the same events whatever else is drawn; all models see the same light."""
     made = sequence(1, 3, DRAWN)
     assert made.pictures.shape == (61, 48, 48) and made.times_us[-1] == DRAWN.duration_us
     np.testing.assert_array_equal(sequence(1, 3, DRAWN).events, made.events)
@@ -185,7 +185,7 @@ def test_drawn_sequences():
 
 
 def test_training_continues(trainable, tmp_path):
-    """Stopped and continued: the same network as of an unbroken run; the loss falls on one clip."""
+    """Stopped and continued: the same network as in an unbroken run; the loss falls on one clip."""
     rates = [SHORT.rate(step) / SHORT.learning_rate for step in range(4)]
     assert np.allclose(rates, [1 / 30, 2 / 30, 3 / 30, 4 / 30]), rates
     late = dataclasses.replace(SHORT, steps=100, decay_steps=9)

@@ -58,7 +58,7 @@ assert s.time == "adaptive" and background.state.problems[scene.name] == []
 s.time = "uniform"
 thing.animation_data_clear()
 
-# The camera turns: what stands still moves, too.
+# The camera turns: still objects also move.
 camera = scene.camera
 camera.rotation_euler.z = 0
 camera.keyframe_insert("rotation_euler", index=2, frame=1)

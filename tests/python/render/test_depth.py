@@ -115,7 +115,7 @@ def test_an_instant_is_done_when_all_its_layers_are(blends, tmp_path):
     pecs_blender(*args, "-o", tmp_path / "light", "--frames", 4)
     pecs_blender(*args, "-o", tmp_path / "s", "--frames", 4, "--layers", "depth")
     whole = {p.name: p.read_bytes() for p in (tmp_path / "s").iterdir()}
-    for path in (tmp_path / "light").glob("*.exr"):  # the light does not depend on what lies beside it
+    for path in (tmp_path / "light").glob("*.exr"):  # the light does not depend on other files of its folder
         assert path.read_bytes() == whole[path.name]
     (tmp_path / "s/depth_000001.exr").unlink()
     (tmp_path / "s/depth_000002.exr").write_bytes(whole["depth_000002.exr"][:-50])

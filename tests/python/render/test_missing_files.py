@@ -1,4 +1,4 @@
-"""Input that is missing is an error, not empty input: every kind of file that Blender reads beside the .blend."""
+"""Input that is missing is an error, not empty input: every kind of file that Blender reads with the .blend."""
 
 import pecs
 import pytest

@@ -112,7 +112,7 @@ def test_a_camera_that_travels(blends):
 
 
 def test_markers_change_the_camera(blends):
-    """The lens and the view change, too; the samples are those of the command line."""
+    """The lens and the view also change; the samples are those of the command line."""
     args = ("--lens", LENS_NAME, "--focus", 4, "--fnumber", 4, "--film-shift", 0.3, -0.2, "--samples", 16)
     changes, stays = (render(blends, name, *args, frames=3) for name in ("cut", "uncut"))
     for light, same in (("frame_000000.exr", False), ("frame_000001.exr", True), ("frame_000002.exr", True)):

@@ -164,7 +164,7 @@ def test_own_boxes_fill_the_film_boxes(whole, fisheye, kind):
 
 
 def test_poses(whole):
-    """A mirrored, stretched car; one that moves; a flag that grows, whose own box does, too."""
+    """A mirrored, stretched car; one that moves; a flag that grows, whose own box also does."""
     first, second = (by_name(whole, i) for i in (0, 1))
     stretched = first["car 1"]
     assert stretched["size_m"] == pytest.approx([1.5, 0.8, 1.2], abs=1e-6)

@@ -169,7 +169,7 @@ def models(files):
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "glb", "gltf", "fbx", "usdc"])
 def test_a_model_of_any_format_is_the_same(models, kind):
-    """Its place, axes, size and, but for .ply, its colour; no lamp of its file."""
+    """Its place, axes, size and, except for .ply, its colour; no lamp of its file."""
     (depth, light), (wanted_depth, wanted_light) = models[kind], models["blend"]
     seen = np.isfinite(wanted_depth)
     assert seen.sum() > 100 and np.array_equal(np.isfinite(depth), seen)

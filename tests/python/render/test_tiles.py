@@ -108,7 +108,7 @@ def test_strips_lie_in_the_picture():
 
 
 def test_a_box_has_the_pixels_of_the_whole_picture():
-    """For sizes whose quotients round down, too."""
+    """Also for sizes whose quotients round down."""
     pytest.importorskip("bpy")
     in_bpy("""
 import bpy, numpy as np

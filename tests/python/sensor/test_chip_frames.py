@@ -1,4 +1,4 @@
-"""Frames that a chip takes beside its events: noise, exposure along the motion, the files."""
+"""Frames that a chip also takes: noise, exposure along the motion, the files."""
 
 import json
 

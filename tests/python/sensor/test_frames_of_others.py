@@ -431,7 +431,7 @@ def test_lossy_exr_files_are_named(tmp_path, pecs_program):
 
 
 def test_counts_are_those_of_the_output_s_window(tmp_path):
-    """The readout and the region of interest lose events before the window, too."""
+    """The readout and the region of interest also lose events before the window."""
     stack = write(tmp_path / "s", level=1e-3)
     slow = {"readout_rate_hz": 2e5, "readout_row_s": 1e-5}
     options = {"chip": "imx636", "overrides": slow, "roi": [(0, 0, 20, 30)], "seed": 3}

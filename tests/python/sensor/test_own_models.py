@@ -142,7 +142,7 @@ def test_exceptions_of_a_model_come_back(tmp_path):
             sensor.push(frames, t)
         with pytest.raises(pecs.PecsInputError, match="model Fails: it failed before"):
             sensor.push(frames, t + 1e6)
-    late = pecs.simulate(frames, t, model=Fails, parameters={"at": 1e9}, readout="ideal")  # after the last frame, too
+    late = pecs.simulate(frames, t, model=Fails, parameters={"at": 1e9}, readout="ideal")  # also after the last frame
     assert np.array_equal(late["t"], np.round(t[1:] + 1e4))
 
 

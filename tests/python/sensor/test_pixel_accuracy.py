@@ -56,7 +56,7 @@ def score(events: np.ndarray, true: np.ndarray, smooth: np.ndarray, frame_us: fl
             "p95_us": float(np.quantile(size, 0.95)),
             "bias_us": float(np.mean(error[where])),
         }
-    # Phase within the frame: 1 in every twentieth if nothing clumps; the truth's own beside it.
+    # Phase within the frame: 1 in every twentieth if nothing clumps; then the truth's own.
     for name, e in (("clumping", events), ("true_clumping", true)):
         counts, _ = np.histogram(e[:, 1] % frame_us, bins=20, range=(0, frame_us))
         out[name] = float(counts.max() / counts.mean())

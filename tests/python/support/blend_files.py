@@ -134,7 +134,7 @@ def emission():
 
 
 def temperatures():
-    """Not one of the ten: a blackbody that fills the picture, beside a lamp with a colour temperature."""
+    """Not one of the ten: a blackbody that fills the picture, and a lamp with a colour temperature."""
     warm = lamp("AREA", energy=50)
     warm.use_temperature, warm.temperature = True, 3000
     m, tree, _ = material("black body", ("ShaderNodeEmission", {"Strength": 2}))

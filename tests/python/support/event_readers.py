@@ -38,7 +38,7 @@ STREAMS = {
 }
 
 
-# --- readers that are not ours: path -> (t_us, x, y, p) ---------------------------------------------------------------
+# --- readers of others: path -> (t_us, x, y, p) ---------------------------------------------------------------
 
 
 def by_evlib(path):

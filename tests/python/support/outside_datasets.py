@@ -1,4 +1,4 @@
-"""Reads exported data sets with libraries that are not ours; runs in .venv-datasets (scripts/setup.sh --tests), where
+"""Reads exported data sets with libraries of others; runs in .venv-datasets (scripts/setup.sh --tests), where
 their names collide with nothing:
 
     python outside_datasets.py READER FOLDER OUT.npz

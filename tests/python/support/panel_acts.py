@@ -497,7 +497,7 @@ def registered(_folder):
 
 
 def saved(folder):
-    """A .blend of ours opens without us as it was, and again with us."""
+    """A .blend of PECS opens without us as it was, and again with us."""
     scene = scene_file(folder)
     scene.pecs.lens, scene.pecs.sensor.seed = "pecs_lab_15mm", 7
     scene.pecs.sensor.overrides.add().name = "noise_std"

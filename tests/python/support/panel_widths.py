@@ -83,7 +83,7 @@ class Layout:
         else:
             value = []
         if not self.use_property_split:
-            self.items += value or [Item(title, padding_px=60)]  # the name in the field, beside its number
+            self.items += value or [Item(title, padding_px=60)]  # the name in the field, next to its number
             return
         split = self._child("split", SPLIT)
         split.items = [Item("" if one.type == "BOOLEAN" else title, padding_px=4), Layout("column")]

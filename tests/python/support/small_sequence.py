@@ -1,5 +1,5 @@
 """A native sequence whose truth is known in closed form: a wall, and before it a textured card that moves, seen through
-lenses with distortion by two event cameras, an RGB camera beside them, and one on the pixels of the left."""
+lenses with distortion by two event cameras, an RGB camera next to them, and one on the pixels of the left."""
 
 import json
 from pathlib import Path

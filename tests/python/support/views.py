@@ -121,4 +121,4 @@ def check_travel(way, camera, times, camera_from_world, depth_rtol=1e-5):
         known = sky & np.isfinite(wanted).all(0)
         assert known.sum() > 0.8 * sky.sum() and (t != times[1] or np.abs(wanted[:, known]).max() > 1)
         assert np.abs(way[channels] - wanted)[:, known].max() < TOLERANCE_PX
-    assert np.isfinite(way[:8]).all()  # what leaves the picture, too
+    assert np.isfinite(way[:8]).all()  # also of what leaves the picture

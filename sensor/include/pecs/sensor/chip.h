@@ -89,7 +89,7 @@ struct Chip {
   double frame_dead_s = 0;                                   // least time from an exposure's end to the next begin
   double frame_gain_e = 0, frame_gain_mismatch = 0;          // electrons per DN; relative standard deviation
   double frame_offset_dn = 0, frame_offset_mismatch_dn = 0;  // of no light; standard deviation over the pixels
-  double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s beside dark_current_a
+  double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s in addition to dark_current_a
   double frame_adc_bits = 0;
   double frame_auto_mean = 0, frame_auto_gain = 0;    // of the automatic exposure (chip_frames.cpp); mean 0: none
   double frame_step = 0, frame_step_spread = 0;       // of y [ln units]: median; std of its logarithm

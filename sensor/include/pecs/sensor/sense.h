@@ -37,7 +37,7 @@ struct SenseOptions {
   ModelChoice model;                            // white_fa 0: the 99.5 % quantile of the first frame
   bool ideal_readout = false;                   // instead of the chip's (readout.h)
   std::optional<std::filesystem::path> labels;  // NPY, uint8: each event's Cause
-  // Frames that the chip takes beside the events: a new folder (frame_folder.h), or the output itself, if it holds
+  // Frames that the chip also takes: a new folder (frame_folder.h), or the output itself, if it holds
   // them.
   std::optional<std::filesystem::path> frames;
   // Events that come from the renderer's noise are estimated, with this factor on the stack's noise; 0: they are not.

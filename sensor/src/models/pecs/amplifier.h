@@ -50,7 +50,7 @@ PECS_INLINE T amplified(T y, T v0, T v1, const WholeSlope<T>& at0, const WholeSl
   return mul_add(number<T>(k.x * k.decay), at0.early, slopes);
 }
 
-// Within an interval, beside the steps of the photoreceptor.
+// Within an interval, along with the steps of the photoreceptor.
 template <class T>
 struct Amplifier {
   T b_h;

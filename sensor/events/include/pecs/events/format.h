@@ -26,7 +26,7 @@ struct StreamInfo {
   int width = 0;  // pixels; if the file has no size, 0 until all events are read, then the extent of the events
   int height = 0;
   std::string camera;  // e.g. "IMX636"; empty when unknown
-  // Frames beside the events; of a reader, those so far, and of a writer, whether any will come.
+  // Frames in the file of the events; of a reader, those so far, and of a writer, whether any will come.
   std::int64_t frames = 0;
 };
 
