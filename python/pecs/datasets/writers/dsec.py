@@ -75,7 +75,7 @@ def write_sequence(sequence: Sequence, folder: Path, report: Report, flow_us: in
         if role in cameras:
             count = write_events(folder / "events" / side, cameras[role], sequence.duration_us)
             report.count(sequence.name, **{f"events_{side}": count})
-            if cameras[role].frames():
+            if cameras[role].frames() and cameras[role] not in (cameras.get("cam1"), cameras.get("cam2")):
                 why = "DSEC's pictures are of other cameras"
                 report.leave_out(f"frames of camera {cameras[role].name}", why, sequence.name)
     _write_calibration(folder / "calibration" / "cam_to_cam.yaml", cameras)
