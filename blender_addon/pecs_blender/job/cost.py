@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
+import pecs
 from numpy.typing import NDArray
 from pecs._platform import resident_mb
 from pecs._progress import report
+from pecs.motion import CHANNELS
 
 from ..adaptive.frames import SHARED
 from ..truth import layer_class
 from ..truth.surfaces import HitCache
+from . import noise
 from .resources import readable
 from .stack import Render, due, times_s
 
@@ -25,8 +29,9 @@ def print_cost(job: Render, start_s: float) -> None:
     needed_bytes, count = job.needed_bytes(), len(job.instants.times_ns)
     held = ADAPTIVE_PICTURES if keyframes else UNIFORM_PICTURES
     memory_bytes = resident_mb(peak=True) * 1e6 + held * needed_bytes / max(1, len(job.wanted))
+    seen: dict[str, float] = {}
     if keyframes:
-        each, each_bytes = _keyframe_cost(job)
+        each, each_bytes, seen = _keyframe_cost(job)
         disk_bytes, about = each_bytes * len(job.wanted), "about"
     else:
         each, disk_bytes, about = _light_s(job) if job.plan.light else _layers_s(job), needed_bytes, "up to"
@@ -41,8 +46,14 @@ def print_cost(job: Render, start_s: float) -> None:
         f"{_duration(cpu_s)} of CPU time with the start; {about} {readable(disk_bytes)} on the disk, about "
         f"{readable(memory_bytes)} of memory"
     )
+    if seen:
+        events = seen["events"] + seen["own_events"]
+        text += (
+            f"; about {events:.2g} events of {job.plan.bands.chip.name}, {100 * seen['render_noise']:.0f} % of them by "
+            f"the renderer's noise, and a median of {seen['px_per_s']:.2g} px/s"
+        )
     cost = {"frames": count, "of": of, "start_s": start_s, "each_s": each_s, "cpu_s": cpu_s}
-    report(text, plan=cost | {"disk_bytes": disk_bytes, "memory_bytes": memory_bytes})
+    report(text, plan=cost | {"disk_bytes": disk_bytes, "memory_bytes": memory_bytes} | seen)
 
 
 def _now_s() -> NDArray[np.float64]:
@@ -50,20 +61,24 @@ def _now_s() -> NDArray[np.float64]:
     return np.array([time.perf_counter(), time.process_time()])
 
 
-def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int]:
+def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int, dict[str, float]]:
     """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two whole keyframes in
-    the middle and what is between them."""
+    the middle and what is between them; and `_seen`."""
     keyframes = job.keyframes
-    with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder), pilot.opened(folder) as frames:
-        start, last = _now_s(), len(pilot.wanted) - 1
-        frames.keyframe(0)  # renders both, and averages them
-        render_s = _now_s() - start
-        frames.keyframe(last)  # averages them, as each keyframe with its neighbours
-        share_s = _now_s() - start - render_s
-        for index in range(max(1, last)):
-            frames.write(index)
-        intervals_s = _now_s() - start - render_s - share_s
-        size = {file.name: file.stat().st_size for file in folder.glob("*.exr")}
+    with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder):
+        with pilot.opened(folder) as frames:
+            start, last = _now_s(), len(pilot.wanted) - 1
+            frames.keyframe(0)  # renders both, and averages them
+            render_s = _now_s() - start
+            frames.keyframe(last)  # averages them, as each keyframe with its neighbours
+            share_s = _now_s() - start - render_s
+            for index in range(max(1, last)):
+                frames.write(index)
+            intervals_s = _now_s() - start - render_s - share_s
+            size = {file.name: file.stat().st_size for file in folder.glob("*.exr")}
+            if last:
+                frames.write(last)
+        seen = _seen(job, pilot, folder) if last and job.plan.light else {}
         whole = len(keyframes.whole)
         intervals = whole - (len(keyframes.ends) < len(keyframes.keys))  # of whole keyframes
         neighbours = min(whole - 1, 2 * SHARED)
@@ -71,7 +86,33 @@ def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int]:
         of_frame = sum(n for name, n in size.items() if name.startswith("frame_000000"))
         every_s = whole * whole_s + intervals * intervals_s
         every_bytes = intervals * sum(size.values()) + (whole - intervals) * of_frame
-        return every_s / len(keyframes.keys), round(every_bytes / len(keyframes.keys))
+        return every_s / len(keyframes.keys), round(every_bytes / len(keyframes.keys)), seen
+
+
+def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
+    """Events of the light, and those by the chip's noise; the share that the renderer's noise moves; and the median
+    speed of the picture: of a pilot's time, as if the whole render were like it.
+
+    A pixel's first event needs half a threshold more than the others, as its light starts at rest. With half the
+    thresholds the light has twice the events but for these, so that the difference is without them."""
+    chip = job.plan.bands.chip
+    values = {name: chip.info["values"][name] for name in ("contrast_threshold_on", "contrast_threshold_off")}
+    half = {name: max(one["range"][0], one["value"] / 2) for name, one in values.items()}
+    light, all_, finer = (
+        noise.sensed(pilot, folder, **options)
+        for options in ({"noise": False}, {}, {"noise": False, "overrides": half, "render_noise": 0})
+    )
+    pilot_s, all_s = ((times[-1] - times[0]) * 1e-9 for times in (pilot.instants.bounds_ns, job.instants.bounds_ns))
+    ends = [CHANNELS.index(name) for name in ("x_end", "y_end")]
+    with pecs.StackReader(folder) as stack:
+        paths = [np.hypot(*stack.read_layer("motion", i)[ends]) for i in pilot.wanted[:-1]]
+    path_px = sum(float(np.nanmedian(path)) for path in paths) / job.plan.view.subpixels
+    return {
+        "events": max(0, finer["events"] - light["events"]) * all_s / pilot_s,
+        "own_events": max(0, all_["events"] - light["events"]) * all_s / pilot_s,
+        "render_noise": all_["render_noise"]["share"] or 0.0,
+        "px_per_s": path_px / pilot_s,
+    }
 
 
 def _layers_s(job: Render) -> NDArray[np.float64]:

@@ -10,10 +10,12 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pecs
 
 from ..scene.cycles import Sampling
+from .stack import Render
 
 PILOT_KEYFRAMES = 4
 PILOT_SAMPLES = 4  # per rendered pixel
@@ -25,21 +27,25 @@ def pilot_sampling(sampling: Sampling) -> Sampling:
     return replace(sampling, samples=PILOT_SAMPLES, noise_events=None)
 
 
-def samples_for(share: float, stack: Path, chip: pecs.Chip, fnumber: float | None) -> int:
+def samples_for(share: float, pilot: Render, stack: Path) -> int:
     """Smallest power of two of samples per rendered pixel, from 2 on, for at most this share of noise events. stack: of
     the pilot."""
     low, high = 2, MOST_SAMPLES
     while low < high:  # all smaller numbers are too few; `high` is enough, or the most
         middle = 2 ** ((low.bit_length() + high.bit_length() - 2) // 2)
-        if _share(stack, chip, fnumber, (PILOT_SAMPLES / middle) ** 0.5) > share:
+        results = sensed(pilot, stack, render_noise=(PILOT_SAMPLES / middle) ** 0.5)
+        if (results["render_noise"]["share"] or 0.0) > share:
             low = 2 * middle
         else:
             high = middle
     return high
 
 
-def _share(stack: Path, chip: pecs.Chip, fnumber: float | None, factor: float) -> float:
+def sensed(pilot: Render, stack: Path, **options: Any) -> dict[str, Any]:
+    """Results of `pecs sense` of a pilot's stack by its chip."""
+    has_fnumber = pilot.stage.lens_record or pilot.stack.get("fnumber")
+    options |= {"chip": pilot.plan.bands.chip, "fnumber": None if has_fnumber else FNUMBER}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the share, and of the readout
-        report = pecs.sense(stack, stack / "pilot.npz", chip=chip, fnumber=fnumber, render_noise=factor)
-    return report["results"]["render_noise"]["share"] or 0.0
+        results: dict[str, Any] = pecs.sense(stack, stack / "pilot.npz", **options)["results"]
+    return results

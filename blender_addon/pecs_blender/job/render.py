@@ -65,9 +65,7 @@ def _planned(stage: Stage, plan: Plan) -> Render:
         return job
     with job.pilot(noise.PILOT_KEYFRAMES, noise.pilot_sampling(sampling), ("motion",)) as (pilot, folder):
         pilot.write(folder)
-        has_fnumber = stage.lens_record or pilot.stack.get("fnumber")
-        fnumber = None if has_fnumber else noise.FNUMBER
-        samples = noise.samples_for(share, folder, plan.bands.chip, fnumber)
+        samples = noise.samples_for(share, pilot, folder)
     if not plan.verbosity["quiet"]:
         per_pixel = samples * plan.view.subpixels**2
         print(f"render: {per_pixel} samples per pixel for {share:.3g} noise events", file=sys.stderr)

@@ -238,7 +238,7 @@ def _move_aside(wanted: list[int], output: Path) -> None:
 
 
 def _measure(plan: Plan, wanted: list[int], threads: int, line: Line) -> dict[str, NDArray[np.float64]]:
-    """By scene: 1, and duration, time [s], GB, CPU time [s] and GB of memory of its first sequence."""
+    """By scene: 1, and duration and run.Cost of its first sequence."""
     measured: dict[str, NDArray[np.float64]] = {}
     for index in wanted[:MOST_DRAWN]:
         if (name := plan.scene(index).name) not in measured:
@@ -253,8 +253,8 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes, or by
     `_measure`."""
     rows, truth, light = [], 0, 0
-    # By scene: number, duration, time [s], GB, CPU time [s].
-    made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(5))
+    # By scene: number, duration, time [s], GB, CPU time [s], events.
+    made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(6))
     missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
     stacks = sum(camera.has_light for camera in plan.recipe.cameras)
     owners = sum(not camera.pixels_of for camera in plan.recipe.cameras)
@@ -269,7 +269,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
             light += sum(map(sequence.instants, sequence.with_light))
         share, seconds, gigabytes = _made(sequence, folder)
         if share and not measured:
-            made[scene] += share, share * duration_s, seconds, gigabytes, 0
+            made[scene] += share, share * duration_s, seconds, gigabytes, 0, 0
         if index in spaced and not folder.is_dir():
             missing[scene] += 1, (1 - share) * duration_s
         words = [f"{index:04d}", f"{sequence.split:5}", f"{scene:16}", f"{duration_s:.3g} s"]
@@ -282,23 +282,30 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
     print(f"{_counted(len(wanted), 'sequence')}, {_counted(stacks, 'stack')} each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
-    made.update((scene, values[:5]) for scene, values in measured.items())
+    made.update((scene, values[:6]) for scene, values in measured.items())
     if not made:
         print(f"--estimate measures time and size on a few frames of each scene; {free:.0f} GB free")
         return
-    every = sum(made.values(), np.zeros(5))
+    every = sum(made.values(), np.zeros(6))
     what = "the renders of a few frames" if measured else f"{every[0]:.2g} existing sequences"
     print(f"measured on {what} of {', '.join(sorted(made))}")
-    count, left_s, size, cpu_s = 0.0, 0.0, 0.0, 0.0
+    for scene, (_, duration_s, _, _, _, fired, _, noise, px_per_s) in measured.items():
+        if fired:
+            said = (
+                f"{fired:.2g} events, {100 * noise:.0f} % of them by the renderer's noise, median {px_per_s:.2g} px/s"
+            )
+            print(f"{scene}, {duration_s:.3g} s: about {said}")
+    count, left_s, size, cpu_s, events = 0.0, 0.0, 0.0, 0.0, 0.0
     each = (len(wanted) - len(whole)) / max(1, sum(number for number, _ in missing.values()))
     for scene, (number, duration_s) in ((scene, each * of) for scene, of in missing.items()):
         _, durations_s, *costs = made.get(scene, every)
-        left_s, size, cpu_s = np.add((left_s, size, cpu_s), duration_s / durations_s * np.array(costs))
+        costs = duration_s / durations_s * np.array(costs)
+        left_s, size, cpu_s, events = np.add((left_s, size, cpu_s, events), costs)
         count += number
     unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
-    memory = f", {max(values[5] for values in measured.values()):.1f} GB of memory" if measured else ""
-    beyond = ", and the sensor's time and events" if measured else ""
+    memory = f", {max(values[6] for values in measured.values()):.1f} GB of memory" if measured else ""
+    beyond = f", and the sensor's time, and {f'{events:.2g} ' if events else ''}events" if measured else ""
     cores = f" ({cpu_s / 3600:.2f} hours of one core)" if measured else ""
     hours = f"{left_s / 3600:.2f} h of this machine as loaded{cores}"
     print(f"{count:.0f} left: {hours} and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")

@@ -19,6 +19,7 @@ from .._arguments import words
 from .._files import read_text, write_json, write_text, write_whole
 from .._library import version
 from .._sense import sense
+from ..chip import Chip
 from . import fitting, parameters, pictures, placing, recipe_check, report, rgb, rig, scene_cameras, trajectories
 from . import imu as imus
 from .blender import blender
@@ -187,9 +188,21 @@ def _renders(plan: SequencePlan, camera: CameraPlan) -> Iterator[tuple[str, Path
     yield "light", Path(camera.stack), light
 
 
-def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float, float]:
-    """Time [s], disk [GB], CPU time [s] and memory [GB] of a sequence's renders, measured on a few frames of each."""
-    every = []
+class Cost(NamedTuple):
+    """Of a sequence's renders, measured on a few frames of each; events of all its event cameras, the largest share of
+    them by the renderer's noise, and the largest median speed of the picture (0 with uniform steps)."""
+
+    seconds: float
+    disk_gb: float
+    cpu_s: float
+    events: float
+    memory_gb: float
+    render_noise: float
+    px_per_s: float
+
+
+def cost(plan: SequencePlan, threads: int) -> Cost:
+    every: dict[Path, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="pecs_estimate_") as folder:
         work = Work(plan, Path(folder), lambda *_: None)
         _inputs(work)
@@ -197,10 +210,23 @@ def cost(plan: SequencePlan, threads: int) -> tuple[float, float, float, float]:
         for camera in plan.with_light:
             for _, to, options in _renders(plan, camera):
                 job = ["render", *plan.scene_words, "-o", to, *words(options | {"threads": threads}), "--plan"]
-                every.append(blender(*job, folder=work.folder, log="estimate.log"))
-    seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every)
-    disk, cpu_s = (sum(one[name] for one in every) for name in ("disk_bytes", "cpu_s"))
-    return seconds, disk * 1e-9, cpu_s, max(one["memory_bytes"] for one in every) * 1e-9
+                every[to] = blender(*job, folder=work.folder, log="estimate.log")
+    seen = [(c, every[Path(c.stack)]) for c in plan.cameras if c.entry.kind == "events"]
+    seen = [(camera, one) for camera, one in seen if "events" in one]
+    seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every.values())
+    disk, cpu_s = (sum(one[name] for one in every.values()) for name in ("disk_bytes", "cpu_s"))
+    noise, px_per_s = (max((one[name] for _, one in seen), default=0.0) for name in ("render_noise", "px_per_s"))
+    memory, events = max(one["memory_bytes"] for one in every.values()), sum(_events(*one) for one in seen)
+    return Cost(seconds, disk * 1e-9, cpu_s, events, memory * 1e-9, noise, px_per_s)
+
+
+def _events(camera: CameraPlan, measured: dict[str, Any]) -> float:
+    """As many of the light as its drawn thresholds are below the profile's, which was measured."""
+    thresholds = []
+    for overrides in ({}, camera.overrides):
+        with Chip(str(camera.pixels.chip), overrides=overrides) as chip:
+            thresholds.append(2 / (1 / chip.contrast_threshold_on + 1 / chip.contrast_threshold_off))
+    return float(measured["events"] * thresholds[0] / thresholds[1] + measured["own_events"])
 
 
 # Calibration

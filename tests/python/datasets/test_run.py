@@ -387,12 +387,17 @@ def test_exports_are_of_the_sequences_that_there_are(made, tmp_path):
     assert result.returncode == 5 and "sequences/0001: the recipe has 1 sequences" in result.stderr
 
 
-def test_an_estimate_is_measured_on_a_few_frames(tmp_path):
+def test_an_estimate_is_measured_on_a_few_frames(films, tmp_path):
     """Of one camera."""
     recipe = FILM.split('[[rig.camera]]\nname = "frame"')[0] + "[render]" + FILM.split("[render]")[1]
     (tmp_path / "r.toml").write_text(filled(recipe).replace("frames = true", ""))
     said = dataset(tmp_path / "r.toml", "-o", tmp_path / "none", "--estimate", "--sequences", 20).stdout
-    assert "measured on the renders of a few frames of rotating_disk\n20 left: 0." in said, said
+    assert "measured on the renders of a few frames of rotating_disk\nrotating_disk, 0.06 s: about " in said, said
+    one, all_ = (float(re.search(form, said)[1]) for form in (r"about (\S+) events", r"time, and (\S+) events"))
+    left = films.cameras["left"]
+    made = np.count_nonzero(left.causes() != 6)  # bursts of its frames
+    assert abs(one / made - 1) < 0.3 and all_ == pytest.approx(20 * one, rel=0.05), (said, made)
+    assert "20 left: 0." in said
     assert float(re.search(r" h of this machine as loaded \(([\d.]+) hours of one core\)", said)[1]) > 0, said
     assert not (tmp_path / "none").exists()
 
