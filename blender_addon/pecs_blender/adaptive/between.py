@@ -32,6 +32,7 @@ ROUNDS = 4  # of growing the rendered tiles until they agree with the prediction
 UNCHANGED = 0.2  # of the tolerance; less is no change between the same samples of two instants
 MAX_BETWEEN = 0.6  # of the picture; beyond it the whole picture is rendered
 LAMP_PIXELS, LAMP_SHARE = 1000, 0.01  # pixels in which changes of lamps are compared; share of them that may be wrong
+DARKEST_A = 1e-19  # photocurrent; less is as dark to the sensor, and has no ratio
 LAMP_TOLERANCE = 0.5  # of other changes: those of lamps are everywhere, and cost no render
 
 Carried = tuple[pecs.CarriedLight, pecs.CarriedLight]  # photocurrent, and light as it is written
@@ -65,7 +66,7 @@ class Prediction:
     def fill(self, boxes_px: list[Box]) -> None:
         self._carried_current.at(self._fraction, boxes_px, self.warped)
         for box in boxes_px:
-            self.photocurrent[at(box)] = self.warped[at(box)] * self._change[at(box)]
+            self.photocurrent[at(box)] = np.maximum(self.warped[at(box)], DARKEST_A) * self._change[at(box)]
 
     def light(self, box: Box) -> np.ndarray:
         """[channels, height, width] of a box, as it is written."""
@@ -302,9 +303,7 @@ class Between:
 
 
 def _log_ratio(current: np.ndarray, warped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels with a residual, and ln(current / warped) there; 0 if it is infinite."""
-    where = np.flatnonzero(np.isfinite(current))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        residual = np.log(current.ravel()[where] / warped.ravel()[where])
-    defined = ~np.isnan(residual)
-    return where[defined], np.where(np.isinf(residual), 0, residual)[defined]
+    """Pixels with a residual, and ln(current / warped) there."""
+    where = np.flatnonzero(np.isfinite(current) & np.isfinite(warped))
+    current, warped = (np.maximum(one.ravel()[where], DARKEST_A) for one in (current, warped))
+    return where, np.log(current / warped)

@@ -34,9 +34,13 @@ MOTION_STEP_PX = 2.0**-10
 DEPTH_BITS = 16  # of the 23 bits of a mantissa
 
 
-def _rounded(motion: np.ndarray) -> np.ndarray:
-    """Rounds CHANNELS in place, and returns them."""
-    unit = 1 << (23 - DEPTH_BITS)
+def _usable(motion: np.ndarray) -> np.ndarray:
+    """Rounds CHANNELS in place, and returns them. Where the motion at one end is unknown, it is unknown at both: what
+    vanishes or appears would else show what is behind it at all other times."""
+    unit, (there, back) = 1 << (23 - DEPTH_BITS), np.split(motion, 2)
+    unknown = np.isnan(there[0]) | np.isnan(back[0])
+    for way in (there, back):
+        way[:8, unknown], way[9, unknown] = np.nan, np.nan
     for name, plane in zip(CHANNELS, motion, strict=True):
         if name.removeprefix("back_") in ("z", "z_end"):
             bits = plane.view(np.int32)
@@ -107,7 +111,7 @@ class Adaptive:
         keyframes = self._keyframes
         start, end, following = keyframes.keys[index], keyframes.ends[index], (index + 1) % len(keyframes.keys)
         second = self.keyframe(following)
-        motion = _rounded(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
+        motion = _usable(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
             self._between(index, start, end, first, second, motion).refine()
         self._output.write_layer("motion", index, motion)
@@ -150,7 +154,7 @@ class Adaptive:
         end = keyframes.keys[self._whole[following]] if following else keyframes.ends[-1]
         from_s, to_s = self._grid_s[start], self._grid_s[end]
         first, second = (self._shared.get(n, self._share_samples) for n in (number, following))
-        motion = _rounded(self._motion.render(from_s, to_s))
+        motion = _usable(self._motion.render(from_s, to_s))
         between = self._between(self._whole[number], start, end, first, second, motion, 1 - FAST)
         return between, self._paths.fast_tiles(from_s, to_s, self._stage.size)
 

@@ -4,7 +4,7 @@
 Each interval is the longest one in which no visible surface moves further than `step_px`, hardly any turns or stretches
 by more than TURN, and every path is, to within BEND_PX, the polynomial through its places after each quarter, which the
 sensor follows (docs/reference/exr_stack.md). They are measured on a small picture at nine instants of the interval;
-points without a place at its end are ignored.
+points without a place at its end are ignored. Nothing is in the picture between its ends alone, nor missing there.
 
 If a small part of the picture sets the length, such as a fan, keyframes in which only this part is rendered, partial
 ones, divide longer intervals of whole keyframes.
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,8 @@ class Paths:
         ways = self._ways(from_s, to_s)
         if ways is None:
             return np.full(2, np.inf)
-        every, most = [], []
+        comes_or_goes = self._comes_or_goes([self._poses.get(t, self._pose) for t in _instants(from_s, to_s)])
+        every, most = [2.0 * comes_or_goes], [2.0 * comes_or_goes]
         for used, _ in ways:
             turned = [np.quantile(one, 1 - TURNING) for one in (used[2, 1:-1], used[3, :, 1:-1])]
             every.append(_intervals([used[0].max(), used[1].max(), *turned]))
@@ -122,8 +124,7 @@ class Paths:
     def _ways(self, from_s: float, to_s: float) -> list[tuple[np.ndarray, list[np.ndarray]]] | None:
         """Of the surfaces seen at each of the two instants, what `_used` returns and their places at all times; None
         across a cut."""
-        times_s = np.linspace(from_s, to_s, PARTS + 1).tolist()
-        found = []
+        times_s, found = _instants(from_s, to_s), []
         for along_s in (times_s, times_s[::-1]):  # equal times: poses are kept
             seen = self._seen.get(along_s[0], self._hits)
             poses = [self._poses.get(t, self._pose) for t in along_s]
@@ -151,6 +152,19 @@ class Paths:
         out[1, known] = np.linalg.norm(bend, axis=1).max(0)
         return out / np.array(self._limits)[:, None, None]
 
+    def _comes_or_goes(self, poses: list[Poses]) -> bool:
+        """Whether an instance, its box or this box's middle, is in the picture between the first and the last of these
+        instants but at neither, or at both while the instance does not exist in between."""
+        ids = np.unique(np.concatenate([one.ids for one in poses]))
+        outside = [self._surfaces.outside(one, ids) for one in poses]
+        gaps = ~np.all([one.find(ids) >= 0 for one in poses], axis=0)
+        for points in np.s_[..., :-1], np.s_[..., -1:]:
+            first, last = (~outside[end][points].all(-1).any(-1) for end in (0, -1))
+            passes = np.any([~(a & b)[points].all(-1).any(-1) for a, b in pairwise(outside)], axis=0)
+            if (passes & ~first & ~last | first & last & gaps).any():
+                return True
+        return False
+
     def _hits(self, t_s: float) -> SurfaceHits:
         self._set_time(t_s)
         return self._surfaces.hits()
@@ -158,6 +172,10 @@ class Paths:
     def _pose(self, t_s: float) -> Poses:
         self._set_time(t_s)
         return self._surfaces.poses()
+
+
+def _instants(from_s: float, to_s: float) -> list[float]:
+    return np.linspace(from_s, to_s, PARTS + 1).tolist()
 
 
 def _intervals(used: Any) -> np.ndarray:

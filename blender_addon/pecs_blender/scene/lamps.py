@@ -87,7 +87,7 @@ def _strengths(source: Source) -> list[Strength]:
     for light in bpy.data.lights:
         objects = [thing for thing in bpy.data.objects if thing.data == light]
         changes = light.node_tree and light.node_tree.animation_data or movers(light, "color")
-        by = movers(light, "energy")
+        by = _curves(light, "energy")
         if objects and not changes and (by or light in source.lamps):
             strengths.append(Strength(light, "energy", objects, by))
     tree = world and world.node_tree
@@ -95,7 +95,13 @@ def _strengths(source: Source) -> list[Strength]:
         shaders = [node for node in tree.nodes if any(o.type == "SHADER" for o in node.outputs)]
         if len(shaders) == 1 and shaders[0].bl_idname == "ShaderNodeBackground":
             strength = shaders[0].inputs["Strength"]
-            by = movers(tree, f"{strength.path_from_id()}.default_value")
+            by = _curves(tree, f"{strength.path_from_id()}.default_value")
             if by and not strength.is_linked:
                 strengths.append(Strength(strength, "default_value", [world], by))
     return strengths
+
+
+def _curves(id_block: bpy.types.ID, path: str) -> list:
+    """What animates a property; nothing if an NLA track does, whose strips may move others."""
+    found = movers(id_block, path)
+    return found if all(isinstance(mover, bpy.types.FCurve) for mover in found) else []

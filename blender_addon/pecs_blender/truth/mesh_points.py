@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import blake2b
+from itertools import product
 from weakref import WeakValueDictionary
 
 import bpy
@@ -29,10 +31,18 @@ class Topology:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """vertices: [v, 3] float32, local. topology: of meshes only."""
+    """vertices: [v, 3] float32, local. topology: of meshes only. box: [3, 9], corners and middle of the one around the
+    vertices; NaN without any."""
 
     vertices: np.ndarray
     topology: Topology | None
+
+    @cached_property
+    def box(self) -> np.ndarray:
+        if not len(self.vertices):
+            return np.full((3, 9), np.nan)
+        low, high = self.vertices.min(0), self.vertices.max(0)
+        return np.array([*product(*zip(low, high, strict=True)), (low + high) / 2], float).T
 
 
 class Geometries:

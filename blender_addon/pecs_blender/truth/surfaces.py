@@ -136,6 +136,22 @@ class Surfaces:
         still = _Moves(seen.poses, poses).still
         return ~np.append(still, [False, self._sky_stays(seen.poses.view, poses.view)])[seen.instance]  # UNKNOWN, SKY
 
+    def outside(self, poses: Poses, ids: np.ndarray) -> np.ndarray:
+        """[n, 5, 9]: whether the corners and the middle of the boxes of instances are outside the picture, on its left,
+        right, upper, lower side, and behind the camera; all of them of an instance that does not exist, none for a
+        projection that is unknown."""
+        at, rays = poses.find(ids), self.sight.rays(poses.view)
+        if rays is None or not len(poses.ids):
+            return np.full((len(ids), 5, 9), rays is not None)
+        points = np.array([one.box for one in poses.geometries]).reshape(-1, 3, 9)[poses.geometry[np.maximum(at, 0)]]
+        camera_from_local = poses.view.camera_from_world @ poses.world_from_local[np.maximum(at, 0)]
+        x, y, z = (camera_from_local[:, :3, :3] @ points + camera_from_local[:, :3, 3:]).swapaxes(0, 1)
+        (left, top), (right, bottom) = (
+            [f(o) + f(s) * z for o, s in zip(*rays, strict=True)] for f in (np.nanmin, np.nanmax)
+        )
+        inside = np.stack([x > left, x < right, y > top, y < bottom, z > 0], 1)
+        return ~(inside & (at >= 0)[:, None, None])
+
     def _sky_stays(self, before: Viewpoint, view: Viewpoint) -> bool:
         """Along all rays of an orthographic camera the sky is the same."""
         if before.same(view):

@@ -12,9 +12,11 @@
 
 namespace pecs::sensor {
 
+constexpr float kDarkest_fa = 1e-4f;  // less is as dark to a pixel (models/pecs/math-inl.h), and has no ratio
+
 void Residuals::add(double s, std::span<const float> rendered, std::span<const float> warped) {
   for (std::size_t i = 0; i < rendered.size(); ++i) {
-    const float r = log_of(rendered[i] / warped[i]);
+    const float r = log_of(std::max(rendered[i], kDarkest_fa) / std::max(warped[i], kDarkest_fa));
     if (std::isfinite(r)) entries_.push_back({static_cast<std::uint32_t>(i), {static_cast<float>(s), r}});
   }
 }
@@ -47,7 +49,8 @@ void Residuals::apply(double s, float* warped, std::size_t begin, std::size_t en
         after = {1, 0};
       }
       const float part = after.s > before.s ? (now - before.s) / (after.s - before.s) : 1.0f;
-      warped[pixels_[i]] *= exp_of(before.r + part * (after.r - before.r));
+      float& light = warped[pixels_[i]];
+      light = std::max(light, kDarkest_fa) * exp_of(before.r + part * (after.r - before.r));
     }
   });
 }

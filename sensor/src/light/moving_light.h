@@ -22,7 +22,7 @@ using Plane = std::vector<float>;
 class Residuals {
  public:
   // At the fraction s of the interval, rising from call to call: r = ln(rendered / warped) of the pixels that were
-  // rendered. 0 <= s <= 1; planes of one size.
+  // rendered, of light that a pixel can tell from darkness. 0 <= s <= 1; planes of one size.
   void add(double s, std::span<const float> rendered, std::span<const float> warped);
   // After the last add.
   void close();

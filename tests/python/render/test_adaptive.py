@@ -323,6 +323,53 @@ def test_the_still_outline_of_what_turns_stays_in_place(root, tmp_path, bench):
     assert at_the_rim("adaptive", "--time", "adaptive") < 1.4 * at_the_rim("uniform")
 
 
+PASSING = """
+import sys
+import bpy
+from pecs_lab.blend import GREY, ball, curves, floor, lamp, material, move, put, save, start
+
+scene = start((48, 32), (0, -4, 0), 90)
+scene.render.fps, scene.frame_start, scene.frame_end = 1000, 0, 160
+glow, _, _ = material("glow", ("ShaderNodeEmission", {"Strength": 0.5}))
+flies, blinks, goes = (ball(glow, place, 0.25) for place in ((-3, 0, 0.6), (-1, 0, -0.5), (-0.4, 0, -0.5)))
+move(flies, "location", [(-3, 0, 0.6), (3, 0, 0.6)], (20, 60))
+for thing, hidden in ((blinks, True), (goes, False)):
+    for frame, value in ((0, hidden), (20, not hidden), (60, hidden)):
+        thing.hide_render = value
+        thing.keyframe_insert("hide_render", frame=frame)
+grows = floor(glow, 0.3, (0.2, 0, -0.5), (90, 0, 0))
+move(grows.modifiers.new("array", "ARRAY"), "count", (1, 2), (0, 121))
+for curve in (*curves(flies), *curves(grows)):
+    curve.extrapolation = "CONSTANT"
+    curve.keyframe_points[0].interpolation = "LINEAR" if curve.data_path == "location" else "CONSTANT"
+floor(material("plate", ("ShaderNodeBsdfDiffuse", {"Color": GREY}))[0], 0.6, (0.9, 0, -0.5), (90, 0, 0))
+light = lamp("SPOT", (1, 1, 1), 5, (0.9, -1, -0.5))
+bpy.data.objects[light.name].rotation_euler.x = 1.5708
+for key, values in (("energy", (5, 20)), ("spot_size", (0.2, 0.6))):
+    move(light, key, values, (0, 160))
+animation, action = light.animation_data, light.animation_data.action
+strip = animation.nla_tracks.new().strips.new("both", 0, action)
+strip.action_slot, strip.frame_end, animation.action = action.slots[0], 160, None
+save(sys.argv[1], "passing")
+"""
+
+
+def test_what_is_in_the_picture_between_keyframes_alone(tmp_path):
+    """Before black: a ball that flies through, one that is there for 40 ms, one that is not, a mesh that gets more
+    vertices, and a lamp of which one strip moves strength and size."""
+    in_bpy(PASSING, tmp_path)
+    ways = {"few": ("--time", "adaptive", "--no-denoise"), "all": ("--fps", 200, "--frames", 27, "--subpixels", 2)}
+    for name, words in ways.items():
+        few = *COMMON, "--frames", 131, "--samples", 16, "--bands", 1, *words
+        pecs_blender("render", tmp_path / "passing.blend", "-o", tmp_path / name, *few)
+    truth = pecs.Chip("ideal").photocurrent(tmp_path / "all")
+    with pecs.Light(tmp_path / "few", "ideal") as light:
+        found = np.array([light.at(5000.0 * step)[0] for step in range(len(truth))])
+    dark = 0.01 * truth.max()
+    wrong = np.abs(np.log((found + dark) / (truth + dark))) > 0.3
+    assert wrong.mean() < 2e-3 and wrong.mean((1, 2)).max() < 0.01
+
+
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
     args = (*COMMON, "--time", "adaptive", "--moving-px", "0:0:9:9")
     result = pecs_blender("render", blends / "room.blend", "-o", tmp_path / "s", *args, check=False)
