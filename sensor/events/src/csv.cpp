@@ -300,6 +300,8 @@ class TextReader : public EventReader<TextReader> {
     for (int column = 0; column < layout_.columns; ++column) {
       const std::string_view word = next_word(rest);
       const auto field = std::ranges::find(layout_.column, column);
+      if (field == layout_.column.end() && word.empty())  // values of an empty one before it moved to the left
+        throw lines_.damage(line_, fmt::format("{} columns, none empty", layout_.columns));
       if (field == layout_.column.end()) continue;
       const auto f = static_cast<std::size_t>(field - layout_.column.begin());
       const auto number = parse_decimal(word, f == kT ? layout_.t_exponent : 0);

@@ -198,6 +198,7 @@ def test_text_conventions(tmp_path, text):
         ("t_us,x,y,p\n1,2,3\n", "wanted t, x, y and p as numbers"),
         ("t_us,x,y,p,x_rectified\n1,2,3,1,9\n", 'got a second column of x, "x_rectified", wanted one of each'),
         ("t_us,x,y,p\n1,2,3,1,9\n", "wanted 4 columns"),
+        ("t_us,label,x,y,p,valid\n1,,2,3,1,1\n", "wanted 6 columns, none empty"),
         ("t_us,x,y,p\n1,70000,3,1\n", "wanted a pixel"),
         ("t_us,x,y,p\n1,2,3,7\n", "p of -1, 0 or 1"),
         ("t_us,x,y,p\n99999999999999999999,2,3,1\n", "as numbers"),
