@@ -95,6 +95,7 @@ PictureHeader of_png(Bytes& file) {
     const std::string type = file.text(at + 4, 4);
     if (type == "IDAT" || type == "IEND") break;
     out.alpha |= type == "tRNS";
+    out.pages |= type == "acTL";  // animated
     if (type == "gAMA" && out.gamma == 0) out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
     if (type == "iCCP" && size < kMostProfile)
       if (const double gamma = gamma_of_icc(icc_of_png(file.text(at + 8, size))); gamma > 0) out.gamma = gamma;

@@ -147,19 +147,37 @@ std::vector<std::int64_t> numbers_of(std::span<const std::filesystem::path> file
   return numbers;
 }
 
+// "t_0.25": 0.25, the last one.
+std::optional<double> decimal_in(const std::string& name) {
+  for (std::size_t at = name.size() - std::min<std::size_t>(1, name.size()); at > 0; --at) {
+    if (name[at] != '.' || !is_digit(name[at - 1]) || at + 1 == name.size() || !is_digit(name[at + 1])) continue;
+    std::size_t begin = at, end = at + 1;
+    while (begin > 0 && is_digit(name[begin - 1])) --begin;
+    while (end < name.size() && is_digit(name[end])) ++end;
+    return number_from<double>(std::string_view(name).substr(begin, end - begin));
+  }
+  return {};
+}
+
 }  // namespace
 
 std::vector<std::filesystem::path> frame_files(const std::filesystem::path& folder,
                                                std::span<const std::string> endings, const FrameTimes& times) {
   auto files = files_in_order(folder, endings);
-  if (times.file_us || files.size() < 3) return files;
+  if (files.size() < 3) return files;
   const std::vector<std::int64_t> numbers = numbers_of(files);
-  for (std::size_t i = 2; i < numbers.size(); ++i)
+  for (std::size_t i = 2; i < numbers.size() && !times.file_us; ++i)
     if (numbers[i] - numbers[i - 1] != numbers[1] - numbers[0] || numbers[i] == numbers[i - 1])
       throw bad_input(folder.string(), files[i].filename().string(),
                       fmt::format("number {} after {}", numbers[i], numbers[i - 1]),
                       fmt::format("steps of {}, as from the first file to the second (or --times)",
                                   std::max<std::int64_t>(1, numbers[1] - numbers[0])));
+  for (std::size_t i = 1; i < files.size() && (numbers.empty() || times.file_us); ++i) {
+    const auto before = decimal_in(files[i - 1].stem().string()), now = decimal_in(files[i].stem().string());
+    if (before && now && *now < *before)
+      throw bad_input(folder.string(), files[i].filename().string(), fmt::format("{} after {}", *now, *before),
+                      "names whose numbers have equally many decimals");
+  }
   return files;
 }
 

@@ -187,6 +187,10 @@ def test_gaps_in_the_numbers(tmp_path, pecs_program):
     assert_same(simulated(pecs_program, signed, tmp_path / "o.npz", "--fps", 1000), wanted)  # not in reverse
     masks = write_pictures(tmp_path / "b", [f"{i // 2:04}{'_mask' * (i % 2)}.tif" for i in range(N)])
     refused(pecs_program, masks, "got number 1 after 0", "--fps", 1000)
+    seconds = write_pictures(tmp_path / "d", [f"t_{i / 8}.tif" for i in range(N)])  # in the order of 0.5, 0.25
+    refused(pecs_program, seconds, "t_0.25.tif: got 0.25 after 0.5, wanted names", "--fps", 1000)
+    takes = write_pictures(tmp_path / "e", [f"take1.{i}.tif" for i in range(N)])
+    assert_same(simulated(pecs_program, takes, tmp_path / "o.npz", "--fps", 1000), wanted)
 
 
 def test_hidden_files_are_left_out(tmp_path, pecs_program):
@@ -268,12 +272,13 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
     file's own gamma and its inversion had no effect."""
     image, cv2 = pytest.importorskip("PIL.Image"), pytest.importorskip("cv2")
     deep = np.round(65535 * srgb_of(FRAMES[0])).astype(np.uint16)
-    for name in ("signed", "long", "pages", "inverse", "linear"):
+    for name in ("signed", "long", "pages", "animated", "inverse", "linear"):
         (tmp_path / name).mkdir()
     cv2.imwrite(str(tmp_path / "signed/0.tif"), (deep // 2).astype(np.int16))
     cv2.imwrite(str(tmp_path / "long/0.tif"), deep.astype(np.int32))
     pages = [image.fromarray(deep) for _ in range(3)]
     pages[0].save(tmp_path / "pages/0.tif", save_all=True, append_images=pages[1:])
+    pages[0].save(tmp_path / "animated/0.png", save_all=True, append_images=[image.fromarray(deep // 2)])
     pages[0].save(tmp_path / "inverse/0.tif", tiffinfo={262: 0})
     png, gamma = cv2.imencode(".png", deep)[1].tobytes(), b"gAMA" + struct.pack(">I", 100_000)
     gamma = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
@@ -282,6 +287,7 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
         "signed": "0.tif: values: got CV_16S, wanted unsigned integers of 8 or 16 bits, or floating point",
         "long": "0.tif: values: got CV_32S, wanted",
         "pages": "0.tif: got several pictures, wanted one",
+        "animated": "0.png: got several pictures, wanted one",
         "inverse": "0.tif: photometric: got white is 0, wanted black is 0",
         "linear": "0.png: transfer curve: got gamma 1, wanted 2.2, or --colorspace",
     }.items():
