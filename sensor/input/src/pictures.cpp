@@ -189,10 +189,12 @@ class Folder final : public Pictures {
     };
     if (header.pages) reject("", "several pictures", "one (a file for each frame)");
     if (header.white_is_zero && picture.depth() != CV_8U) reject("photometric", "white is 0", "black is 0");
-    constexpr double kOfSrgb = 2.2, kSame = 0.05;
-    if (is_srgb_by_default_ && header.gamma > 0 && std::abs(header.gamma - kOfSrgb) > kSame)
+    const bool integer = picture.depth() == CV_8U || picture.depth() == CV_16U;
+    const double usual = integer ? 2.2 : 1;  // of sRGB, about; floats are linear
+    constexpr double kSame = 0.05;
+    if (is_srgb_by_default_ && header.gamma > 0 && std::abs(header.gamma - usual) > kSame)
       reject("transfer curve", fmt::format("gamma {:.3g}", header.gamma),
-             "2.2, or --colorspace (gamma:G, linear, srgb)");
+             integer ? "2.2, or --colorspace (gamma:G, linear, srgb)" : "1, or --colorspace (gamma:G, linear, srgb)");
     if (header.turned) reject("Exif", "an orientation", "WebP pictures that are turned themselves");
     if (const int depth = picture.depth(); depth != CV_8U && depth != CV_16U && depth != CV_32F && depth != CV_64F)
       reject("values", cv::depthToString(depth), "unsigned integers of 8 or 16 bits, or floating point");

@@ -318,6 +318,14 @@ def test_the_curve_of_a_profile(tmp_path, pecs_program, end):
         picture.save(tmp_path / f"{kind}/0.{end}", icc_profile=icc(kind))
         words = f"0.{end}: transfer curve: got gamma {gamma}, wanted 2.2" if gamma else "frames: got 1, wanted"
         refused(pecs_program, tmp_path / kind, words, "--fps", 1000)
+    if end == "tif":  # floating point is linear
+        for kind, words in {
+            "linear": "frames: got 1",
+            "srgb": "0.tif: transfer curve: got gamma 2.22, wanted 1",
+        }.items():
+            (tmp_path / f"{kind}_float").mkdir()
+            image.fromarray(FRAMES[0]).save(tmp_path / f"{kind}_float/0.tif", icc_profile=icc(kind))
+            refused(pecs_program, tmp_path / f"{kind}_float", words, "--fps", 1000)
     turned = image.Exif()
     turned[274] = 6
     (tmp_path / "turned").mkdir()
