@@ -81,7 +81,7 @@ def write_index(folder: Path, manifest: dict[str, Any]) -> None:
         (["td", ["a", {"href": one["source"]}, name]], one["rate_per_pixel_hz"], one["what"])
         for name, one in recorded_rates().items()
     ]
-    listed = {"dataset.json": "check sums", "croissant.json": "description for machines"}
+    listed = {"dataset.json": "checksums", "croissant.json": "description for machines"}
     links = ([f", {what}: ", ["a", {"href": name}, name]] for name, what in listed.items())
     body = [
         ["h1", manifest["name"]],
@@ -130,12 +130,16 @@ def _quality(checks: dict[str, Any]) -> list[str]:
 def _facts(sequence: Sequence, motion: dict[str, float]) -> Node:
     drawn = sequence.info["drawn"]
     groups = {"": {"split": sequence.split, "duration_s": drawn["duration_s"], "scene": drawn["scene"]}}
-    groups |= {"scene": drawn["parameters"], "path": {k: f"{v}" for k, v in drawn["trajectory"].items()}}
+    groups |= {"scene": drawn["parameters"], "path": {k: _text(v) for k, v in drawn["trajectory"].items()}}
     for name, camera in drawn["cameras"].items():
         values = camera | camera["overrides"]
-        groups[name] = {k: v for k, v in values.items() if v is not None and k != "overrides"}
+        groups[name] = {k: v for k, v in values.items() if v not in (None, {}) and k != "overrides"}
     groups["rig"] = {"speed_m_s": "{speed_least_m_s:.2f} to {speed_most_m_s:.2f}".format_map(motion)}
     return _numbers(groups)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
 
 
 def _numbers(groups: dict[str, Any]) -> Node:
@@ -157,8 +161,9 @@ def _pictures(sequence: Sequence, camera: Camera) -> list[tuple[str, NDArray[np.
             found.append(("the same instant, sharp", read_picture(frame.sharp_path)))
     if camera.kind == "events":
         found.append(("events of 10 ms in the middle: ON blue, OFF orange", _events_picture(sequence, camera)))
-        objects = _events_picture(sequence, camera, by_object=True)
-        found.append(("the same events, by the object that each pixel saw", objects))
+        if camera.has_truth and "objects" in camera.truth.layers:
+            objects = _events_picture(sequence, camera, by_object=True)
+            found.append(("the same events, by the object that each pixel saw", objects))
     if camera.has_truth and not camera.info["pixels_of"]:
         found += _truth_pictures(camera)
     return found
