@@ -36,7 +36,7 @@ DEPTH_BITS = 16  # of the 23 bits of a mantissa
 
 def _usable(motion: np.ndarray) -> np.ndarray:
     """Rounds CHANNELS in place, and returns them. Where the motion at one end is unknown, it is unknown at both: what
-    vanishes or appears would else show what is behind it at all other times."""
+    vanishes or appears would otherwise show what is behind it at all other times."""
     unit, (there, back) = 1 << (23 - DEPTH_BITS), np.split(motion, 2)
     unknown = np.isnan(there[0]) | np.isnan(back[0])
     for way in (there, back):
