@@ -303,7 +303,10 @@ class Between:
 
 
 def _log_ratio(current: np.ndarray, warped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels with a residual, and ln(current / warped) there."""
-    where = np.flatnonzero(np.isfinite(current) & np.isfinite(warped))
-    current, warped = (np.maximum(one.ravel()[where], DARKEST_A) for one in (current, warped))
-    return where, np.log(current / warped)
+    """Pixels with a residual, and ln(current / warped) there. A dark pixel among lit ones has too few samples: 0."""
+    where = np.isfinite(current) & np.isfinite(warped)
+    noisy = [(one <= DARKEST_A) & grown(grown(one > DARKEST_A)) for one in (current, warped)]
+    with np.errstate(invalid="ignore"):
+        ratio = np.log(np.maximum(current, DARKEST_A) / np.maximum(warped, DARKEST_A))
+    residual = np.where(noisy[0] | noisy[1], 0, ratio)
+    return np.flatnonzero(where), residual[where]
