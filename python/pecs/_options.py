@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from ._errors import bad_input
 from ._model import name_of
 from .chip import Chip, chip_options, numbers_by_name
 
@@ -83,5 +84,7 @@ def library_options(chip: str | PathLike[str] | Chip, options: Mapping[str, Any]
             out[key] = np.asarray(out[key]).tolist()
     for key, name in (("parameters", "param"), ("biases", "bias")):
         out[name] = numbers_by_name(key, out.pop(key, None))
-    out["no_noise"] = not out.pop("noise", True)
+    if not isinstance(noise := out.pop("noise", True), (bool, np.bool_)):  # not None, nor a factor
+        raise bad_input("noise", "", noise, "True or False")
+    out["no_noise"] = not noise
     return chip_options(chip, out.pop("overrides", None)) | out

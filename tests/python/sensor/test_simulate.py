@@ -70,6 +70,9 @@ def test_errors():
         pecs.Sensor(W, H, "nope")
     with pytest.raises(pecs.PecsInputError, match="size: got 1400x800, wanted at most imx636's 1280x720"):
         pecs.Sensor(1400, 800)
+    for noise in (None, "no", 0.5):  # None was False, the others True
+        with pytest.raises(pecs.PecsInputError, match="noise: got .*, wanted True or False"):
+            pecs.simulate(frames, t, noise=noise)
     with pytest.raises(TypeError, match="no_such"):
         pecs.simulate(frames, t, no_such=1)
     sensor = pecs.Sensor(W, H)
