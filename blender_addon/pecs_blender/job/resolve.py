@@ -45,6 +45,7 @@ def resolve(options: Options, source: Source) -> Plan:
         step_px=options.step_px if options.is_adaptive else None,
         tolerance=TIME_TOLERANCE * lower_threshold(chip),
     )
+    source.check_times(instants.grid.times_ns)
     if view.path:
         view.path.check(instants.grid)
     recorded = options.recorded() | {"film_width_mm": view.film_width_mm, "subpixels": view.subpixels}

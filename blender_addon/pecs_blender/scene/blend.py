@@ -19,6 +19,7 @@ from .source import Source
 
 MOST_NAMES = 5  # in a note
 LEAST_SHEAR = 1e-3  # cosine between axes
+MOST_APART = 0.25  # of the steps of time: Blender's own
 ORIGINAL = "pecs_original.txt"  # in a temporary copy's folder: the original's folder
 
 
@@ -78,6 +79,16 @@ class BlendScene(Source):
     def _frame(self, t_s: float) -> float:
         """t = 0 is the scene's first frame."""
         return round(self.scene.frame_start + t_s * self._fps, 6)
+
+    def check_times(self, times_ns: list[int]) -> None:
+        """Blender's frames have 32 bits: late ones are far apart."""
+        speed = self.scene.render.frame_map_old / self.scene.render.frame_map_new
+        frame = np.float32(self._frame(times_ns[-1] * 1e-9) * speed)
+        apart_s, least_s = np.spacing(frame) / (speed * self._fps), np.diff(times_ns).min(initial=10**18) * 1e-9
+        if apart_s > MOST_APART * least_s:
+            got = f"times {apart_s * 1e6:.3g} us apart near frame {frame:.0f}"
+            wanted = f"at most {MOST_APART * least_s * 1e6:.3g} us at this --fps: an animation at earlier frames"
+            raise bad_input(f"{self.record['name']}.blend", "frames", got, wanted)
 
     def camera_at(self, t_s: float) -> bpy.types.Object:
         """The last marker's camera, of several at one frame the first one's; before the first marker, its camera. As

@@ -53,6 +53,9 @@ class Source(ABC):
         matrix[:3, 3] /= self.unit_m
         return mathutils.Matrix(matrix)
 
+    def check_times(self, times_ns: list[int]) -> None:  # noqa: B027 (scene folders know any time)
+        """Raises PecsInputError if the scene cannot be moved to such times."""
+
     @abstractmethod
     def set_time(self, t_s: float) -> None:
         """Moves everything to an instant."""
