@@ -154,7 +154,11 @@ class Paths:
 
     def _comes_or_goes(self, poses: list[Poses]) -> bool:
         """Whether an instance, its box or this box's middle, is in the picture between the first and the last of these
-        instants but at neither, or at both while the instance does not exist in between."""
+        instants but at neither, or at both while the instance does not exist in between; or a lamp is on or off in
+        between alone."""
+        lit = [one.lamps.keys() for one in poses]
+        if any((one ^ lit[0]) - (lit[0] ^ lit[-1]) for one in lit):
+            return True
         ids = np.unique(np.concatenate([one.ids for one in poses]))
         outside = [self._surfaces.outside(one, ids) for one in poses]
         gaps = ~np.all([one.find(ids) >= 0 for one in poses], axis=0)

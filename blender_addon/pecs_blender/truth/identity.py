@@ -36,9 +36,10 @@ def name_id(name: str) -> int:
 
 class Identity:
     """The material of all surfaces. It writes instance and polygon, and is transparent where the polygon's own material
-    is less than half opaque."""
+    is less than half opaque, or the view layer's instead of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, override: bpy.types.Material | None) -> None:
+        self._override = override
         self.material = bpy.data.materials.new("pecs surfaces")
         self.material.use_nodes = True
         self.material.node_tree.nodes.clear()
@@ -108,7 +109,8 @@ class Identity:
             return
         if len(mesh.polygons) < MAX_POLYGONS:
             _add(mesh, POLYGON, np.arange(1, len(mesh.polygons) + 1))
-        materials = [slot.material for slot in thing.material_slots] or mesh.materials
+        own = [slot.material for slot in thing.material_slots] or mesh.materials
+        materials = [self._override] if self._override else own
         openings = np.array([self._numbers.get(material and material.original, 0) for material in materials])
         if openings.any():
             slots = values_of(mesh.polygons, "material_index")

@@ -32,7 +32,8 @@ Value = TypeVar("Value")
 @dataclass(frozen=True)
 class Poses:
     """All instances at one instant. ids: [n] float32, increasing, Cycles' Random; world_from_local: [n, 4, 4];
-    geometry: [n] index into geometries; notes: [n] results of Surfaces.note."""
+    geometry: [n] index into geometries; notes: [n] results of Surfaces.note; painted: [n] whether its
+    materials are animated; lamps: properties of those that are on, by name."""
 
     view: Viewpoint
     ids: np.ndarray
@@ -40,6 +41,8 @@ class Poses:
     geometry: np.ndarray
     geometries: list[Geometry]
     notes: list[Any]
+    painted: np.ndarray
+    lamps: dict[str, list[Any]]
 
     def find(self, ids: np.ndarray) -> np.ndarray:
         """Indices of instances; UNKNOWN for an id that is missing or not unique."""
@@ -75,7 +78,9 @@ class Surfaces:
 
     def __init__(self, stage: Stage, scale: float = 1.0, name: str = "surfaces"):
         self.size = tuple(max(cycles.LEAST_PX, round(n * scale)) for n in stage.size)
-        self._stage, self._identity, self._geometries = stage, Identity(), Geometries()
+        self._animated: dict[str, bool] = {}
+        override = stage.source.scene.view_layers[0].material_override
+        self._stage, self._identity, self._geometries = stage, Identity(override), Geometries()
         self.sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
 
     def hits(self) -> SurfaceHits:
@@ -131,9 +136,9 @@ class Surfaces:
         return out.reshape(3, *seen.instance.shape)
 
     def moved(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
-        """[h, w]: whether the seen instance or sky stands otherwise before the camera at the poses' instant, or is
-        unknown."""
-        still = _Moves(seen.poses, poses).still
+        """[h, w]: whether the seen instance or sky stands otherwise before the camera at the poses' instant, has
+        animated materials, or is unknown; everything if a lamp differs."""
+        still = _Moves(seen.poses, poses).still & ~seen.poses.painted & (seen.poses.lamps == poses.lamps)
         return ~np.append(still, [False, self._sky_stays(seen.poses.view, poses.view)])[seen.instance]  # UNKNOWN, SKY
 
     def outside(self, poses: Poses, ids: np.ndarray) -> np.ndarray:
@@ -172,7 +177,7 @@ class Surfaces:
         return np.where(np.isnan(turned[0]), 0, turned)
 
     def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
-        ids, matrices, geometry, notes, geometries, numbers = [], [], [], [], [], {}
+        ids, matrices, geometry, notes, painted, geometries, numbers = [], [], [], [], [], [], {}
         for instance in renders(depsgraph):
             thing = instance.object
             data = thing.data
@@ -185,11 +190,46 @@ class Surfaces:
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
             notes.append(self.note and self.note(instance, geometries[numbers[key]]))
+            painted.append(any(self._is_animated(slot.material) for slot in thing.material_slots))
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)
         order = np.argsort(random, kind="stable")
         world = np.array(matrices, float).reshape(-1, 4, 4)
         geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
-        return Poses(self.sight.view(depsgraph), random[order], world[order], geometry, geometries, notes)
+        painted, view = np.array(painted, bool)[order], self.sight.view(depsgraph)
+        return Poses(view, random[order], world[order], geometry, geometries, notes, painted, _lamps(depsgraph))
+
+    def _is_animated(self, material: bpy.types.Material | None) -> bool:
+        if not material:
+            return False
+        name = material.name_full
+        if name not in self._animated:
+            self._animated[name] = _changes(material.original) or _changes(material.original.node_tree)
+        return self._animated[name]
+
+
+def _changes(block: bpy.types.ID | None) -> bool:
+    """Whether it is animated, or a node tree with nodes that are or with a movie."""
+    animation = block and block.animation_data
+    if animation and (animation.action or animation.drivers or animation.nla_tracks):
+        return True
+    images = [getattr(node, "image", None) for node in getattr(block, "nodes", ())]
+    if any(image and image.source in ("MOVIE", "SEQUENCE") for image in images):
+        return True
+    return any(_changes(getattr(node, "node_tree", None)) for node in getattr(block, "nodes", ()))
+
+
+def _lamps(depsgraph: bpy.types.Depsgraph) -> dict[str, list[Any]]:
+    """Places and numbers of all lamps, by names."""
+    lamps = {}
+    for one in depsgraph.object_instances:
+        if (light := one.object).type == "LIGHT":
+            numbers = [
+                getattr(light.data, p.identifier)
+                for p in light.data.bl_rna.properties
+                if p.type == "FLOAT" and not p.is_array
+            ]
+            lamps.setdefault(light.name, []).append([*map(tuple, one.matrix_world), numbers])
+    return lamps
 
 
 def renders(depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.DepsgraphObjectInstance]:

@@ -333,8 +333,9 @@ scene.render.fps, scene.frame_start, scene.frame_end = 1000, 0, 160
 glow, _, _ = material("glow", ("ShaderNodeEmission", {"Strength": 0.5}))
 flies, blinks, goes = (ball(glow, place, 0.25) for place in ((-3, 0, 0.6), (-1, 0, -0.5), (-0.4, 0, -0.5)))
 move(flies, "location", [(-3, 0, 0.6), (3, 0, 0.6)], (20, 60))
-for thing, hidden in ((blinks, True), (goes, False)):
-    for frame, value in ((0, hidden), (20, not hidden), (60, hidden)):
+flash = put(lamp("POINT", (1, 1, 1), 3, (0.9, -50, 0)), (0.9, -1, -0.5), name="flash")
+for thing, hidden, begin, end in ((blinks, True, 20, 60), (goes, False, 20, 60), (flash, True, 70, 80)):
+    for frame, value in ((0, hidden), (begin, not hidden), (end, hidden)):
         thing.hide_render = value
         thing.keyframe_insert("hide_render", frame=frame)
 grows = floor(glow, 0.3, (0.2, 0, -0.5), (90, 0, 0))
@@ -356,7 +357,7 @@ save(sys.argv[1], "passing")
 
 def test_what_is_in_the_picture_between_keyframes_alone(tmp_path):
     """Before black: a ball that flies through, one that is there for 40 ms, one that is not, a mesh that gets more
-    vertices, and a lamp of which one strip moves strength and size."""
+    vertices, a lamp of which one strip moves strength and size, and one that is on for 10 ms."""
     in_bpy(PASSING, tmp_path)
     ways = {"few": ("--time", "adaptive", "--no-denoise"), "all": ("--fps", 200, "--frames", 27, "--subpixels", 2)}
     for name, words in ways.items():
@@ -367,7 +368,7 @@ def test_what_is_in_the_picture_between_keyframes_alone(tmp_path):
         found = np.array([light.at(5000.0 * step)[0] for step in range(len(truth))])
     dark = 0.01 * truth.max()
     wrong = np.abs(np.log((found + dark) / (truth + dark))) > 0.3
-    assert wrong.mean() < 2e-3 and wrong.mean((1, 2)).max() < 0.01
+    assert wrong.mean() < 2e-3 and wrong.mean((1, 2)).max() < 0.03
 
 
 def test_a_moving_part_needs_no_telling(blends, tmp_path):

@@ -16,7 +16,7 @@ CAMERA_FROM_WORLD = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
 @pytest.fixture(scope="module")
 def blends(tmp_path_factory):
     folder = make_blends("things", tmp_path_factory.mktemp("normal"), "centimetres")
-    return make_blends("motion", folder, "holes")
+    return make_blends("motion", folder, "holes", "clay")
 
 
 @pytest.mark.parametrize("lens", [(), LENS])
@@ -39,11 +39,12 @@ def test_a_ball_and_a_plane(blends, tmp_path, lens):
     assert (np.einsum("iyx,iyx->yx", normal, points)[surface] < 0).all()  # towards the camera
 
 
-def test_holes_are_looked_through(blends, tmp_path):
-    """A plate and a wall behind, both perpendicular to y."""
-    pecs_blender("render", blends / "holes.blend", "-o", tmp_path / "s", *ARGS)
+@pytest.mark.parametrize(("name", "surfaces"), [("holes", 2), ("clay", 1)])
+def test_holes_are_looked_through(blends, tmp_path, name, surfaces):
+    """A plate and a wall behind, both perpendicular to y; a material that replaces all others closes the holes."""
+    pecs_blender("render", blends / f"{name}.blend", "-o", tmp_path / "s", *ARGS)
     with pecs.StackReader(tmp_path / "s") as stack:
-        normal, (_, z) = stack.read_layer("normal", 0), stack.read_layer("depth", 0)
+        normal, (_, z), ids = (stack.read_layer(one, 0) for one in ("normal", "depth", "objects"))
     surface = np.isfinite(z)
-    assert len(np.unique(z[surface].round(1))) == 2
+    assert len(np.unique(z[surface].round(1))) == len(np.unique(ids[0, surface])) == surfaces
     assert np.allclose(normal[:, surface].T, [0, 0, -1], atol=1e-6)

@@ -164,6 +164,11 @@ def holes():
     plate.data.polygons[3].material_index = 1  # at the upper right
 
 
+def clay():
+    holes()
+    bpy.context.view_layer.material_override = bpy.data.materials.new("clay")
+
+
 def falling():
     """A rigid body, baked."""
     scene = start()
@@ -214,7 +219,7 @@ def deforming():
     scene.frame_set(1)
 
 
-SCENES = (rigid, centimetres, travel, led, instances, vanishing, cut, uncut, fog, holes, falling, deforming)
+SCENES = (rigid, centimetres, travel, led, instances, vanishing, cut, uncut, fog, holes, clay, falling, deforming)
 
 if __name__ == "__main__":
     blend.write(SCENES)
