@@ -76,12 +76,14 @@ double gamma_of_icc(std::string_view icc) {
 
 // A name, a zero, the method and the profile, compressed.
 std::string icc_of_png(std::string_view chunk) {
-  const std::size_t begin = std::min(chunk.find('\0'), chunk.size() - std::min<std::size_t>(2, chunk.size())) + 2;
+  const std::size_t name = chunk.find('\0');
+  if (name == std::string_view::npos || name + 2 > chunk.size()) return {};
+  const std::string_view packed = chunk.substr(name + 2);
   const std::unique_ptr<libdeflate_decompressor, decltype(&libdeflate_free_decompressor)> inflate(
       libdeflate_alloc_decompressor(), &libdeflate_free_decompressor);
   std::string out(std::min(kMostProfile, 1100 * chunk.size()), '\0');
   std::size_t got = 0;
-  libdeflate_zlib_decompress(inflate.get(), chunk.data() + begin, chunk.size() - begin, out.data(), out.size(), &got);
+  libdeflate_zlib_decompress(inflate.get(), packed.data(), packed.size(), out.data(), out.size(), &got);
   out.resize(got);
   return out;
 }

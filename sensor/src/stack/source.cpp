@@ -147,14 +147,19 @@ std::vector<std::int64_t> numbers_of(std::span<const std::filesystem::path> file
   return numbers;
 }
 
-// "t_0.25": 0.25, the last one.
-std::optional<double> decimal_in(const std::string& name) {
+// "t_0.25": 0.25, of two decimals; the last one.
+struct NameDecimal {
+  double value;
+  std::size_t decimals;
+};
+std::optional<NameDecimal> decimal_in(const std::string& name) {
   for (std::size_t at = name.size() - std::min<std::size_t>(1, name.size()); at > 0; --at) {
     if (name[at] != '.' || !is_digit(name[at - 1]) || at + 1 == name.size() || !is_digit(name[at + 1])) continue;
     std::size_t begin = at, end = at + 1;
     while (begin > 0 && is_digit(name[begin - 1])) --begin;
     while (end < name.size() && is_digit(name[end])) ++end;
-    return number_from<double>(std::string_view(name).substr(begin, end - begin));
+    const auto value = number_from<double>(std::string_view(name).substr(begin, end - begin));
+    return value ? std::optional(NameDecimal{*value, end - at - 1}) : std::nullopt;
   }
   return {};
 }
@@ -174,8 +179,9 @@ std::vector<std::filesystem::path> frame_files(const std::filesystem::path& fold
                                   std::max<std::int64_t>(1, numbers[1] - numbers[0])));
   for (std::size_t i = 1; i < files.size() && (numbers.empty() || times.file_us); ++i) {
     const auto before = decimal_in(files[i - 1].stem().string()), now = decimal_in(files[i].stem().string());
-    if (before && now && *now < *before)
-      throw bad_input(folder.string(), files[i].filename().string(), fmt::format("{} after {}", *now, *before),
+    if (before && now && now->value < before->value && now->decimals != before->decimals)
+      throw bad_input(folder.string(), files[i].filename().string(),
+                      fmt::format("{} after {}", now->value, before->value),
                       "names whose numbers have equally many decimals");
   }
   return files;

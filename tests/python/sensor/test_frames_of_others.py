@@ -189,8 +189,10 @@ def test_gaps_in_the_numbers(tmp_path, pecs_program):
     refused(pecs_program, masks, "got number 1 after 0", "--fps", 1000)
     seconds = write_pictures(tmp_path / "d", [f"t_{i / 8}.tif" for i in range(N)])  # in the order of 0.5, 0.25
     refused(pecs_program, seconds, "t_0.25.tif: got 0.25 after 0.5, wanted names", "--fps", 1000)
-    takes = write_pictures(tmp_path / "e", [f"take1.{i}.tif" for i in range(N)])
-    assert_same(simulated(pecs_program, takes, tmp_path / "o.npz", "--fps", 1000), wanted)
+    clock = [f"12.{t // 600}.{t // 10 % 60:02}.{t % 10}00.tif" for t in range(1195, 1195 + N)]  # 59.900 before 00.000
+    for names in ([f"take1.{i}.tif" for i in range(N)], clock):
+        folder = write_pictures(tmp_path / names[-1], names)
+        assert_same(simulated(pecs_program, folder, tmp_path / "o.npz", "--fps", 1000), wanted)
 
 
 def test_hidden_files_are_left_out(tmp_path, pecs_program):
