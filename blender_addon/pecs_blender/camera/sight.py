@@ -35,16 +35,20 @@ NEAR_FIELD = 0.98  # of the lens's field; the slope from here to the edge extrap
 @dataclass(frozen=True)
 class Viewpoint:
     """A camera at one instant. camera: the scene's own. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for
-    cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's."""
+    cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's. focus: what else decides
+    the light of a camera without a lens."""
 
     camera: bpy.types.Object
     camera_from_world: np.ndarray
     clip_from_camera: np.ndarray | None
     lens: bool
+    focus: tuple | None
 
     def same(self, other: Viewpoint) -> bool:
         """Whether both are bit-identical; an unknown projection never is."""
-        if self.camera != other.camera or not np.array_equal(self.camera_from_world, other.camera_from_world):
+        if (self.camera, self.focus) != (other.camera, other.focus):
+            return False
+        if not np.array_equal(self.camera_from_world, other.camera_from_world):
             return False
         if self.lens or other.lens:
             return self.lens and other.lens
@@ -110,7 +114,9 @@ class Sight:
         if not lens and camera.data.type in ("PERSP", "ORTHO"):
             aspect = dict(zip(("scale_x", "scale_y"), 1 / self._per_pixel, strict=True))
             clip = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, **aspect), float) @ FLIP
-        return Viewpoint(self._stage.source.own_camera, FLIP @ np.linalg.inv(world), clip, lens)
+        own = self._stage.source.own_camera
+        focus = None if lens else _focus(own.evaluated_get(depsgraph).data.dof, depsgraph)
+        return Viewpoint(own, FLIP @ np.linalg.inv(world), clip, lens, focus)
 
     def points(self, view: Viewpoint, positions: np.ndarray) -> np.ndarray:
         """Points in camera axes [3, height, width] on the rays of the pixels' centres, at the depths of positions
@@ -201,6 +207,12 @@ class Sight:
         further = (tangent[beyond] / self._field - 1) / (1 - NEAR_FIELD)
         pixels[:, beyond] += further * (pixels[:, beyond] - near)
         return pixels * self._per_pixel[:, None]
+
+
+def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph) -> tuple | None:
+    on = dof.focus_object
+    place = on and tuple(map(tuple, on.evaluated_get(depsgraph).matrix_world))
+    return (dof.focus_distance, dof.aperture_fstop, place) if dof.use_dof else None
 
 
 def transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:

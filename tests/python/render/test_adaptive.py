@@ -371,6 +371,32 @@ def test_what_is_in_the_picture_between_keyframes_alone(tmp_path):
     assert wrong.mean() < 2e-3 and wrong.mean((1, 2)).max() < 0.03
 
 
+FOCUS = """
+import sys
+from pecs_lab.blend import floor, material, move, save, start
+dof = start((96, 64), (0, -4, 0), 90).camera.data.dof
+dof.use_dof, dof.aperture_fstop = True, 0.1
+move(dof, "focus_distance", (4, 3), (1, 11))
+glow, _, _ = material("glow", ("ShaderNodeEmission", {}))
+for row in (4, 28, 52):
+    floor(glow, 0.1, (0, 0, (32 - row) / 33.3), (90, 0, 0))
+save(sys.argv[1], "focus")
+"""
+
+
+def test_keyframes_of_a_camera_whose_focus_moves(tmp_path):
+    """Small things that no probe strip meets."""
+    in_bpy(FOCUS, tmp_path)
+    every = ("render", tmp_path / "focus.blend", *COMMON, "--fps", 24, "--frames", 11, "--samples", 64, "--bands", 1)
+    pecs_blender(*every, "-o", tmp_path / "few", "--time", "adaptive", "--no-denoise")
+    pecs_blender(*every, "-o", tmp_path / "all", "--frames", "10:11")
+    with pecs.StackReader(tmp_path / "few") as few, pecs.StackReader(tmp_path / "all") as alone:
+        last = few.read_frame(few.info["frames"] - 1)[0]
+        truth = alone.read_frame(0)[0]
+    last = last.reshape(64, 2, 96, 2).mean((1, 3))
+    assert np.abs(last - truth).max() < 0.3 * truth.max()
+
+
 def test_a_moving_part_needs_no_telling(blends, tmp_path):
     args = (*COMMON, "--time", "adaptive", "--moving-px", "0:0:9:9")
     result = pecs_blender("render", blends / "room.blend", "-o", tmp_path / "s", *args, check=False)
