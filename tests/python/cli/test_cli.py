@@ -78,12 +78,12 @@ FRACTIONS = ["1e3", "0.5", "1.5us", "1ns"]
 
 
 def test_the_program_and_python_read_units_alike(pecs_program, tmp_path):
-    """`pecs view --from` says in its record what it understood."""
+    """`pecs convert --t-start`, which may be negative, says in its record what it understood."""
     pecs.write(tmp_path / "e.csv", events_of_a_bar())
     for text in VALUES:
-        pecs_program("view", tmp_path / "e.csv", "-o", tmp_path / "e.png", f"--from={text}", check=True)
-        record = json.loads((tmp_path / "e.png.run.json").read_text())
-        assert record["config"]["from_us"] == Quantity("us")(text), text
+        pecs_program("convert", tmp_path / "e.csv", tmp_path / "o.csv", f"--t-start={text}", check=True)
+        record = json.loads((tmp_path / "o.csv.run.json").read_text())
+        assert record["config"]["t_start_us"] == Quantity("us")(text), text
     assert Quantity("us")("1.1ms") == 1100 and Quantity("A")("2pA") == 2e-12 and Quantity("mm")("5 cm") == 50
 
 
