@@ -88,9 +88,9 @@ void info(const InfoOptions& o) {
                entry["source"].get<std::string>());
   if (!o.lux) return;
   const auto print_light = [&](const Json& light, const std::string& behind) {
-    fmt::print("{:g} lux{}: {:.4g} lux at the chip{}, photocurrent {:.4g} fA, photoreceptor corner {}\n", *o.lux,
-               o.fnumber ? fmt::format(" at f/{:g}", *o.fnumber) : "", out["light"]["lux_at_chip"].get<double>(),
-               behind, 1e15 * light["photocurrent_a"].get<double>(),
+    fmt::print("{:g} lux of 3000 K{}: {:.4g} lux at the chip{}, photocurrent {:.4g} fA, photoreceptor corner {}\n",
+               *o.lux, o.fnumber ? fmt::format(" at f/{:g}", *o.fnumber) : "",
+               out["light"]["lux_at_chip"].get<double>(), behind, 1e15 * light["photocurrent_a"].get<double>(),
                light["corner_hz"].is_null() ? "none" : fmt::format("{:.4g} Hz", light["corner_hz"].get<double>()));
   };
   if (!chip.mosaic) return print_light(out["light"], "");

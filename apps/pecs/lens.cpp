@@ -68,7 +68,7 @@ void add_film(CLI::App& command, lens::InfoOptions& info) {
       ->capture_default_str();
 }
 
-void print_text(const Json& report) {
+void print_text(const Json& report, const lens::InfoOptions& film) {
   const auto row = [&](const char* name, const char* key, const char* unit) {
     const Json& value = report[key];
     fmt::print("  {:<24}{}\n", name, value.is_null() ? "-" : fmt::format("{:.6g} {}", value.get<double>(), unit));
@@ -88,6 +88,7 @@ void print_text(const Json& report) {
   row("film z", "film_z_mm", "mm");
   row("RMS spot on the axis", "rms_spot_um", "um");
   row("E0 per radiance", "e0_sr", "sr");
+  fmt::print("  {:<24}{:g} x {:g} mm\n", "film", film.film_width_mm, film.film_height_mm);
   row("field of view, across", "hfov_deg", "deg");
   row("field of view, up", "vfov_deg", "deg");
   row("field of view, diagonal", "dfov_deg", "deg");
@@ -137,7 +138,7 @@ void add_lens_info(CLI::App& parent) {
     if (o->json)
       fmt::print("{}\n", text_of(report, 2));
     else
-      print_text(report);
+      print_text(report, o->info);
   });
 }
 

@@ -65,6 +65,7 @@ TEST_F(Pictures, PartOfARecordingAndAnEmptyPart) {
   EXPECT_GE(part.first_us, 2000);
   EXPECT_LE(part.span_us, 2000);
   EXPECT_EQ(part.events.front().t_us, 0);
+  EXPECT_EQ(part.from_us, part.first_us - stream.events.front().t_us);
   EXPECT_THROW(events::recording_of(stream, "x.raw", 50'000, 60'000), Error);
   EXPECT_THROW(events::recording_of({{64, 48, ""}, {}}, "x.raw", 0, 10), Error);
 }

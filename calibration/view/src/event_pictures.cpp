@@ -88,9 +88,8 @@ cv::Mat contact_sheet(const events::Recording& recording, std::int64_t window_us
     cv::rectangle(sheet, {at.x, at.y + kCaption, panel.cols, panel.rows},
                   bgr(theme.ink) * 0.4 + bgr(theme.paper) * 0.6);
     const std::size_t shown = between(recording, from, to).size();
-    put_text(sheet,
-             fmt::format("{} .. {}  {} event{}", with_unit(from, recording.span_us), with_unit(to, recording.span_us),
-                         shown, shown == 1 ? "" : "s"),
+    const auto time = [&](std::int64_t t_us) { return with_unit(recording.from_us + t_us, recording.span_us); };
+    put_text(sheet, fmt::format("{} .. {}  {} event{}", time(from), time(to), shown, shown == 1 ? "" : "s"),
              {at.x, at.y + 5}, 0.45, bgr(theme.ink));
   }
   put_text(sheet,
@@ -121,7 +120,7 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
     canvas.setTo(bgr(options.theme.paper));
     panel.copyTo(canvas(cv::Rect(0, kHead, panel.cols, panel.rows)));
     put_text(canvas,
-             fmt::format("t = {}   last {}   {:g}x slower", with_unit(to, recording.span_us),
+             fmt::format("t = {}   last {}   {:g}x slower", with_unit(recording.from_us + to, recording.span_us),
                          with_unit(window_us, recording.span_us), options.slow_motion),
              {8, 8}, 0.45, bgr(options.theme.ink));
     put_legend(canvas, 7, options.theme);

@@ -183,15 +183,15 @@ void add_event_pictures(Json& page, const std::vector<const EventFile*>& streams
       "div", {{"id", "player"}, {"data-window", window_us}, {"data-span", span_us}},
       element("div", {{"class", "player"}}, element("button", {}, "play"), slider, element("output", {})), canvases));
 
+  Json pair = element("div", {{"class", "pair"}});
   for (const double part : {0.1, 0.5, 0.9}) {
     const auto from = static_cast<std::int64_t>(part * static_cast<double>(span_us - window_us));
-    Json pair = element("div", {{"class", "pair"}});
     for (std::size_t i = 0; i < streams.size(); ++i)
       pair.push_back(picture(event_frame(streams[i]->recording, from, from + window_us, kLight, binning),
                              fmt::format("{}, {:.2f} … {:.2f} ms", names[i], static_cast<double>(from) * 1e-3,
                                          static_cast<double>(from + window_us) * 1e-3)));
-    page.push_back(pair);
   }
+  page.push_back(pair);
 }
 
 // Number and times of the frames, and their rate, or the range of their intervals where these differ. Keyframes have no

@@ -25,7 +25,8 @@ Recording recording_of(Stream stream, const std::string& file, std::int64_t from
                       stream.info.height,
                       events.front().t_us,
                       0,
-                      {}};
+                      {},
+                      0};
   for (Event& e : events) e.t_us -= recording.first_us;
   if (from_us > 0 || to_us <= events.back().t_us) {
     const auto kept = between(events, static_cast<double>(from_us), static_cast<double>(to_us));
@@ -33,9 +34,9 @@ Recording recording_of(Stream stream, const std::string& file, std::int64_t from
       throw bad_input(file, "time", fmt::format("0 events from {} us to {} us", from_us, to_us),
                       fmt::format("times between 0 and {} us after the first event", events.back().t_us));
     events = {kept.begin(), kept.end()};
-    recording.first_us += events.front().t_us;
-    const std::int64_t shift = events.front().t_us;
-    for (Event& e : events) e.t_us -= shift;
+    recording.from_us = events.front().t_us;
+    recording.first_us += recording.from_us;
+    for (Event& e : events) e.t_us -= recording.from_us;
   }
   recording.span_us = events.back().t_us + 1;
   recording.events = std::move(events);

@@ -15,6 +15,7 @@ struct Recording {
   std::int64_t first_us = 0;  // time of the first event in the file
   std::int64_t span_us = 0;   // from the first event to just after the last one
   std::vector<Event> events;  // in time order
+  std::int64_t from_us = 0;   // the first of these events, from the first event of the file
 };
 // Keeps events of [from_us, to_us), relative to the first event. Throws bad_input if none are left. `file` is for
 // errors and, without folders, for `name`.
