@@ -9,6 +9,7 @@
 #include "pecs/lens/diffraction.h"
 #include "pecs/lens/first_order.h"
 #include "pecs/text.h"
+#include "pecs/ticks.h"
 
 namespace pecs::lens {
 namespace {
@@ -132,39 +133,52 @@ std::string plot(const Box& box, const std::string& title, const std::string& x_
     }
   if (!(x_high > 0)) x_high = 1;
   if (!(y_high > y_low)) y_high = y_low + 1;
+  const std::vector<double> x_ticks = ticks(0, x_high, 5);
+  std::vector<double> y_ticks = ticks(y_low, y_high, 5);
+  const double step = y_ticks[1] - y_ticks[0];
+  if (y_ticks.front() > y_low + 1e-9 * step) y_ticks.insert(y_ticks.begin(), y_low = y_ticks.front() - step);
+  if (y_ticks.back() < y_high - 1e-9 * step) y_ticks.push_back(y_high = y_ticks.back() + step);
   const double in_left = box.left + 46, in_top = box.top + 20, in_width = box.width - 60, in_height = box.height - 56;
   const auto sx = [&](double x) { return in_left + x / x_high * in_width; };
   const auto sy = [&](double y) { return in_top + (y_high - y) / (y_high - y_low) * in_height; };
   std::string svg = label(in_left, box.top + 12, title, "start", kBold);
-  for (int i = 0; i <= 4; ++i) {
-    const double y = y_low + (y_high - y_low) * i / 4, x = x_high * i / 4;
+  for (const double y : y_ticks) {
     svg += line(in_left, sy(y), in_left + in_width, sy(y), "stroke=\"#ddd\"");
-    svg += label(in_left - 4, sy(y) + 4, fmt::format("{:.3g}", std::abs(y) < 1e-9 ? 0.0 : y), "end", kSmall);
-    svg += label(sx(x), in_top + in_height + 12, fmt::format("{:.3g}", x), "middle", kSmall);
+    svg += label(in_left - 4, sy(y) + 4, fmt::format("{:.4g}", std::abs(y) < 1e-9 * step ? 0.0 : y), "end", kSmall);
   }
+  for (const double x : x_ticks)
+    svg += label(sx(x), in_top + in_height + 12, fmt::format("{:.4g}", x), "middle", kSmall);
   svg += label(in_left + 0.5 * in_width, in_top + in_height + 25, x_name, "middle", kSmall);
   std::string names;
-  double name_y = in_top + 11, right_sum = 0, right_count = 0;
+  std::size_t longest = 0;
+  for (const Curve& c : curves) longest = std::max(longest, c.label.size());
+  const double names_width = 6.0 * static_cast<double>(longest);
+  double name_y = 11, high = 0, low = 0;  // points of curves behind the names, at the top and at the bottom
+  for (const Curve& c : curves)
+    if (!c.label.empty()) {
+      const std::string style = fmt::format("{} fill=\"{}\"", kSmall, c.colour);
+      names += label(in_left + in_width - 3, in_top + name_y, c.label, "end", style.c_str());
+      name_y += 12;
+    }
   for (const Curve& c : curves) {
     std::string points;
     for (std::size_t i = 0; i < c.x.size(); ++i)
       if (std::isfinite(c.y[i])) {
         points += fmt::format("{:.1f},{:.1f} ", sx(c.x[i]), sy(c.y[i]));
-        if (c.x[i] > 0.6 * x_high) right_sum += c.y[i], ++right_count;
+        const bool is_behind = sx(c.x[i]) > in_left + in_width - names_width;
+        high += is_behind && sy(c.y[i]) < in_top + name_y;
+        low += is_behind && sy(c.y[i]) > in_top + in_height - name_y;
       }
     svg += fmt::format(
         "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-dasharray=\"{}\"/>\n", points,
         c.colour, c.width, c.dash);
-    if (c.label.empty()) continue;
-    const std::string style =
-        fmt::format("{} fill=\"{}\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\"", kSmall, c.colour);
-    names += label(in_left + in_width - 3, name_y, c.label, "end", style.c_str());
-    name_y += 12;
   }
-  // The names stand at the right, away from the curves.
-  const bool curves_are_high = right_sum > 0.5 * (y_low + y_high) * right_count;
-  const double down = curves_are_high ? in_height + in_top + 7 - name_y : 0;
-  return svg + fmt::format("<g transform=\"translate(0 {:.1f})\">{}</g>\n", down, names);
+  if (names.empty()) return svg;
+  return svg + fmt::format(
+                   "<g transform=\"translate(0 {:.1f})\"><rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" "
+                   "height=\"{:.1f}\" fill=\"#fff\" fill-opacity=\"0.85\"/>\n{}</g>\n",
+                   high > low ? in_height - name_y + 7 : 0, in_left + in_width - names_width, in_top + 1, names_width,
+                   name_y - 10, names);
 }
 
 // Data of a chart: the spots of all fields and bands through the focused lens.
@@ -199,7 +213,7 @@ Chart::Chart(const Prescription& l, const DrawOptions& options) : lens(l), o(opt
 // All fields on one scale.
 std::string Chart::spot_diagrams(double top) const {
   const double cell = (kWidth - 2 * kMargin) / static_cast<double>(o.fields.size());
-  const double spot_scale = 0.46 * kSpotSize / most_mm;
+  const double spot_scale = 0.46 * kSpotSize / most_mm, bar_mm = ticks(0, most_mm, 3).back();
   std::string svg;
   for (std::size_t k = 0; k < o.fields.size(); ++k) {
     const double r = o.fields[k] * o.film_half_diagonal_mm, cx = kMargin + (static_cast<double>(k) + 0.5) * cell,
@@ -211,9 +225,9 @@ std::string Chart::spot_diagrams(double top) const {
         path += fmt::format("M{:.1f} {:.1f}h.9", cx + p.y * spot_scale, cy - (p.x - r) * spot_scale);
       svg += fmt::format("<path d=\"{}\" stroke=\"{}\" stroke-width=\"0.9\"/>\n", path, kColours[w % 6]);
     }
-    const double scale_y = cy + 0.5 * kSpotSize + 4, scale_x = cx - most_mm * spot_scale;
+    const double scale_y = cy + 0.5 * kSpotSize + 4, scale_x = cx - bar_mm * spot_scale;
     svg += line(scale_x, scale_y, cx, scale_y, "stroke=\"black\"");
-    svg += label(0.5 * (scale_x + cx), scale_y + 11, fmt::format("{:.3g} um", 1e3 * most_mm), "middle", kSmall);
+    svg += label(0.5 * (scale_x + cx), scale_y + 11, fmt::format("{:.4g} um", 1e3 * bar_mm), "middle", kSmall);
   }
   return svg;
 }

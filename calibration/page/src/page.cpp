@@ -8,6 +8,7 @@
 #include "pecs/error.h"
 #include "pecs/events/picture.h"
 #include "pecs/text.h"
+#include "pecs/ticks.h"
 
 namespace pecs::page {
 
@@ -16,16 +17,6 @@ extern const std::string_view kPage, kReport;  // web/
 namespace {
 
 constexpr double kLeft = 64, kRight = 24, kTop = 34, kBottom = 44;
-
-std::vector<double> ticks(double low, double high, int wanted) {
-  const double raw = std::max(high - low, 1e-12) / wanted, power = std::pow(10, std::floor(std::log10(raw)));
-  double step = 10 * power;
-  for (const double m : {5.0, 2.0, 1.0})
-    if (m * power >= raw) step = m * power;
-  std::vector<double> out;
-  for (double t = std::ceil(low / step - 1e-9) * step; t <= high + 1e-9 * step; t += step) out.push_back(t);
-  return out;
-}
 
 std::string number(double v) {
   for (const auto& [limit, unit, suffix] : {std::tuple{1e6, 1e6, "M"}, {1e4, 1e3, "k"}})

@@ -121,6 +121,12 @@ def test_draw_in_python(pecs_program, tmp_path):
     assert drawn == (tmp_path / "x.svg").read_text()
 
 
+def test_axes_of_a_chart_have_round_numbers(pecs_program, tmp_path):
+    pecs_program("lens", "chart", LENS, "--film-half-diagonal", 18, "-o", tmp_path / "x.svg", check=True)
+    numbers = re.findall(r'font-size="10"[^>]*>(-?[\d.]+)(?: um)?<', (tmp_path / "x.svg").read_text())
+    assert len(numbers) > 40 and all(float(f"{float(n):.2g}") == float(n) for n in numbers), numbers
+
+
 def test_camera_report():
     camera = pecs.Lens(LENS).camera(bands_nm=[450, 550, 650], focus_m=2, fnumber=4)
     assert camera.fnumber == pytest.approx(4, rel=2e-3)
