@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,11 +130,18 @@ def options_bytes(options: Any) -> bytes:
         elif isinstance(value, (list, tuple)):
             for part in value:
                 check(part, place)
-        elif isinstance(value, float) and not math.isfinite(value):
+        elif isinstance(value, Real) and not math.isfinite(value):
             raise bad_input(place, "", repr(value), "a finite number")
 
     check(options, "")
-    return json.dumps(options).encode()
+    return json.dumps(options, default=_number).encode()
+
+
+def _number(value: Any) -> Any:
+    """Of NumPy, as Python's."""
+    if getattr(value, "shape", None) == ():
+        return value.item()
+    raise TypeError(f"got {value!r}, wanted a number, a text, True or False")
 
 
 def data_dir(folder: str) -> Path:
