@@ -47,10 +47,10 @@ def print_cost(job: Render, start_s: float) -> None:
         f"{readable(memory_bytes)} of memory"
     )
     if seen:
-        events = seen["events"] + seen["own_events"]
+        events, share = seen["events"] + seen["own_events"], seen.get("render_noise")
+        by_noise = "" if share is None else f", {100 * share:.0f} % of them by the renderer's noise"
         text += (
-            f"; about {events:.2g} events of {job.plan.bands.chip.name}, {100 * seen['render_noise']:.0f} % of them by "
-            f"the renderer's noise, and a median of {seen['px_per_s']:.2g} px/s"
+            f"; about {events:.2g} events of {job.plan.bands.chip.name}{by_noise}, median {seen['px_per_s']:.2g} px/s"
         )
     cost = {"frames": count, "of": of, "start_s": start_s, "each_s": each_s, "cpu_s": cpu_s}
     report(text, plan=cost | {"disk_bytes": disk_bytes, "memory_bytes": memory_bytes} | seen)
@@ -90,8 +90,8 @@ def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int, dict[str, flo
 
 
 def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
-    """Events of the light, and those by the chip's noise; the share that the renderer's noise moves; and the median
-    speed of the picture: of a pilot's time, as if the whole render were like it.
+    """Events of the light, and those by the chip's noise; the share that the renderer's noise moves, if the stack has
+    it; and the median speed of the picture: of a pilot's time, as if the whole render were like it.
 
     A pixel's first event needs half a threshold more than the others, as its light starts at rest. With half the
     thresholds the light has twice the events but for these, so that the difference is without them."""
@@ -100,7 +100,7 @@ def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
     half = {name: max(one["range"][0], one["value"] / 2) for name, one in values.items()}
     light, all_, finer = (
         noise.sensed(pilot, folder, **options)
-        for options in ({"noise": False}, {}, {"noise": False, "overrides": half, "render_noise": 0})
+        for options in ({"noise": False}, {}, {"noise": False, "overrides": half})
     )
     pilot_s, all_s = ((times[-1] - times[0]) * 1e-9 for times in (pilot.instants.bounds_ns, job.instants.bounds_ns))
     ends = [CHANNELS.index(name) for name in ("x_end", "y_end")]
@@ -110,8 +110,8 @@ def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
     return {
         "events": max(0, finer["events"] - light["events"]) * all_s / pilot_s,
         "own_events": max(0, all_["events"] - light["events"]) * all_s / pilot_s,
-        "render_noise": all_["render_noise"]["share"] or 0.0,
         "px_per_s": path_px / pilot_s,
+        **({"render_noise": all_["render_noise"]["share"] or 0.0} if "render_noise" in all_ else {}),
     }
 
 

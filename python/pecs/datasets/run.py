@@ -190,7 +190,8 @@ def _renders(plan: SequencePlan, camera: CameraPlan) -> Iterator[tuple[str, Path
 
 class Cost(NamedTuple):
     """Of a sequence's renders, measured on a few frames of each; events of all its event cameras, the largest share of
-    them by the renderer's noise, and the largest median speed of the picture (0 with uniform steps)."""
+    them by the renderer's noise (0 if it has no estimate), and the largest median speed of the picture (0 with uniform
+    steps)."""
 
     seconds: float
     disk_gb: float
@@ -215,7 +216,9 @@ def cost(plan: SequencePlan, threads: int) -> Cost:
     seen = [(camera, one) for camera, one in seen if "events" in one]
     seconds = sum(one["start_s"] + one["frames"] * one["each_s"] for one in every.values())
     disk, cpu_s = (sum(one[name] for one in every.values()) for name in ("disk_bytes", "cpu_s"))
-    noise, px_per_s = (max((one[name] for _, one in seen), default=0.0) for name in ("render_noise", "px_per_s"))
+    noise, px_per_s = (
+        max((one.get(name, 0.0) for _, one in seen), default=0.0) for name in ("render_noise", "px_per_s")
+    )
     memory, events = max(one["memory_bytes"] for one in every.values()), sum(_events(*one) for one in seen)
     return Cost(seconds, disk * 1e-9, cpu_s, events, memory * 1e-9, noise, px_per_s)
 

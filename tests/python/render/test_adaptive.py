@@ -67,6 +67,9 @@ def test_the_plan_measures_an_interval(blends):
     folder = adaptive(blends, "room")
     args = ("-o", blends / "plan", *COMMON, "--time", "adaptive", "--plan")
     said = pecs_blender("render", blends / "room.blend", *args).stderr
+    assert " % of them by the renderer's noise, median " in said
+    plain = pecs_blender("render", blends / "room.blend", *args, "--no-denoise", "--samples", 1).stderr
+    assert "events of " in plain and "renderer's noise" not in plain
     megabytes = float(re.search(r"about ([\d.]+) MB on the disk", said)[1])
     size = sum(path.stat().st_size for path in folder.glob("*.exr"))
     assert abs(megabytes * 1e6 / size - 1) < 0.4 and not (blends / "plan").exists()
