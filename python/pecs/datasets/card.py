@@ -134,7 +134,7 @@ PECS {manifest["versions"]["pecs"]} from the recipe in dataset.json (SHA-256 {re
 
 ## Ground truth
 {layers_at if rates else "No layers"}; per event: cause{", and object at its own time" if objects else ""}.
-Poses and IMU ({", ".join(map(markdown, parts))}). `report.html` of each sequence shows how well the parts agree.
+Poses and IMU ({", ".join(map(markdown, parts))}). The page report.html of each sequence shows how well the parts agree.
 
 ## Outside the recipe's limits
 {chr(10).join(outside) or "None."}

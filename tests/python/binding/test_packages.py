@@ -179,5 +179,8 @@ def test_program(root, monkeypatch):
     monkeypatch.delenv("PECS_PROGRAM", raising=False)
     answer = subprocess.run([pecs.program(), "--version"], capture_output=True, text=True, check=True)
     assert answer.stdout.split() == ["pecs", pecs.__version__]
+    monkeypatch.setenv("PECS_PROGRAM", __file__)
+    assert str(pecs.program()) == __file__
     monkeypatch.setenv("PECS_PROGRAM", "/elsewhere/pecs")
-    assert str(pecs.program()) == "/elsewhere/pecs"
+    with pytest.raises(pecs.PecsNotFoundError, match="PECS_PROGRAM: /elsewhere/pecs: no such file"):
+        pecs.program()

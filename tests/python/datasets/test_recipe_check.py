@@ -78,7 +78,7 @@ def write(tmp_path, old="", new="", text=RECIPE):
 def test_a_good_recipe(tmp_path):
     recipe_check.check(Plan(recipe.load(write(tmp_path))))
     done = dataset(write(tmp_path), "-o", tmp_path / "set", "--plan")
-    assert done.returncode == 0 and "1 sequences" in done.stdout, done.stderr
+    assert done.returncode == 0 and "1 sequence, " in done.stdout, done.stderr
     assert not (tmp_path / "set").exists()
 
 
