@@ -115,7 +115,7 @@ PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
   const auto entries_of = [&](std::uint64_t directory) { return file.number(directory, 2, big); };
   const auto size_of = [&](std::uint64_t directory) {
     std::array<std::uint32_t, 2> size{};
-    for (std::uint32_t i = 0; i < entries_of(directory) && i < kMostParts; ++i)
+    for (std::uint64_t i = 0; i < entries_of(directory) && i < kMostParts; ++i)
       if (const std::uint64_t at = directory + 2 + 12 * i, tag = file.number(at, 2, big);
           tag == kWidth || tag == kHeight)
         size[tag - kWidth] = file.number(at + 8, file.number(at + 2, 2, big) == 3 ? 2 : 4, big);
@@ -125,7 +125,7 @@ PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
   const std::uint32_t entries = entries_of(directory);
   PictureHeader out;
   std::array<double, 2> per_length{};
-  for (std::uint32_t i = 0; i < entries && i < kMostParts; ++i) {
+  for (std::uint64_t i = 0; i < entries && i < kMostParts; ++i) {
     const std::uint64_t at = directory + 2 + 12 * i;
     const std::uint32_t tag = file.number(at, 2, big);
     out.alpha |= tag == kExtraSamples;
