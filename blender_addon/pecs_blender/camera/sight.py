@@ -35,7 +35,7 @@ NEAR_FIELD = 0.98  # of the lens's field; the slope from here to the edge extrap
 @dataclass(frozen=True)
 class Viewpoint:
     """A camera at one instant. camera: the scene's own. camera_from_world: [4, 4]. clip_from_camera: [4, 4], None for
-    cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's. focus: what else decides
+    cameras that are neither perspective nor orthographic. lens: whether the rays are a lens's. focus: what also decides
     the light of a camera without a lens."""
 
     camera: bpy.types.Object

@@ -93,8 +93,8 @@ def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
     """Events of the light, and those by the chip's noise; the share that the renderer's noise moves, if the stack has
     it; and the median speed of the picture: of a pilot's time, as if the whole render were like it.
 
-    A pixel's first event needs half a threshold more than the others, as its light starts at rest. With half the
-    thresholds the light has twice the events but for these, so that the difference is without them."""
+    A pixel's first event needs half a threshold more than the others, as its light starts at rest, whatever the
+    threshold. With half the thresholds there are twice as many of the others, so that the difference counts these."""
     chip = job.plan.bands.chip
     values = {name: chip.info["values"][name] for name in ("contrast_threshold_on", "contrast_threshold_off")}
     half = {name: max(one["range"][0], one["value"] / 2) for name, one in values.items()}

@@ -341,8 +341,7 @@ def _is_dark(node) -> bool:
     strength = next((node.inputs[n] for n in ("Emission Strength", "Strength") if n in node.inputs), None)
     if strength is None or strength.is_linked or strength.default_value:
         return False
-    animation = node.id_data.animation_data
-    return not (animation and (animation.action or animation.drivers or animation.nla_tracks))
+    return not is_animated(node.id_data)
 
 
 def _unlink(tree, socket) -> None:
@@ -355,6 +354,12 @@ def _blackbody(node) -> str | None:
     if node.bl_idname != "ShaderNodeBlackbody" or node.inputs[0].is_linked:
         return None
     return f"blackbody:{min(max(node.inputs[0].default_value, 800.0), 12000.0):g}"  # the range of Cycles
+
+
+def is_animated(id_block) -> bool:
+    """Whether anything animates any of its properties."""
+    animation = id_block.animation_data
+    return bool(animation and (animation.action or animation.drivers or animation.nla_tracks))
 
 
 def movers(id_block, path: str) -> list:

@@ -22,6 +22,7 @@ import numpy as np
 from ..camera.sight import Sight, Viewpoint, transformed
 from ..camera.stage import Stage
 from ..scene import cycles
+from ..spectral.spectral_scene import is_animated
 from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
 from .mesh_points import Geometries, Geometry, carried
 
@@ -203,19 +204,17 @@ class Surfaces:
             return False
         name = material.name_full
         if name not in self._animated:
-            self._animated[name] = _changes(material.original) or _changes(material.original.node_tree)
+            own = material.original
+            self._animated[name] = any(_changes(block) for block in (own, own.node_tree) if block)
         return self._animated[name]
 
 
-def _changes(block: bpy.types.ID | None) -> bool:
-    """Whether it is animated, or a node tree with nodes that are or with a movie."""
-    animation = block and block.animation_data
-    if animation and (animation.action or animation.drivers or animation.nla_tracks):
-        return True
-    images = [getattr(node, "image", None) for node in getattr(block, "nodes", ())]
-    if any(image and image.source in ("MOVIE", "SEQUENCE") for image in images):
-        return True
-    return any(_changes(getattr(node, "node_tree", None)) for node in getattr(block, "nodes", ()))
+def _changes(block: bpy.types.ID) -> bool:
+    """Whether it is animated, or a node tree with groups that are or with a movie."""
+    nodes = getattr(block, "nodes", ())
+    images, groups = ([part for node in nodes if (part := getattr(node, key, None))] for key in ("image", "node_tree"))
+    moving = any(image.source in ("MOVIE", "SEQUENCE") for image in images)
+    return is_animated(block) or moving or any(map(_changes, groups))
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> dict[str, list[Any]]:

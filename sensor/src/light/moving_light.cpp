@@ -12,8 +12,6 @@
 
 namespace pecs::sensor {
 
-constexpr float kDarkest_fa = 1e-4f;  // less is as dark to a pixel (models/pecs/math-inl.h), and has no ratio
-
 void Residuals::add(double s, std::span<const float> rendered, std::span<const float> warped) {
   for (std::size_t i = 0; i < rendered.size(); ++i) {
     const float r = log_of(std::max(rendered[i], kDarkest_fa) / std::max(warped[i], kDarkest_fa));

@@ -178,7 +178,7 @@ class PixelBlock {
       each_vector(changed, w, [&](std::uint32_t p) {
         V current;
         const M lit = current_of(a_, hn::LoadU(f, now + p), current);
-        put(hn::IfThenElse(lit, current, first ? hn::Set(f, kFloor_fa) : at(rows_.i[1], p)), rows_.i[2], p);
+        put(hn::IfThenElse(lit, current, first ? hn::Set(f, kDarkest_fa) : at(rows_.i[1], p)), rows_.i[2], p);
         follow_light_since(1, 2, p);
       });
     }

@@ -16,6 +16,7 @@
 #include <cmath>
 #include <concepts>
 
+#include "light/float_math.h"
 #include "models/pecs/kernel.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -28,8 +29,6 @@ using U32 = hn::RebindToUnsigned<F>;
 using V = hn::Vec<F>;
 using VU = hn::Vec<U32>;
 using M = hn::Mask<F>;
-
-constexpr float kFloor_fa = 1e-4f;  // 0.6 electrons/s: lower bound of the photocurrent
 
 // first, first + 1, … (hn::Iota of a variable is slow: it writes lane by lane).
 HWY_INLINE VU iota(std::uint32_t first) { return hn::Add(hn::Iota(U32(), 0), hn::Set(U32(), first)); }
@@ -91,7 +90,7 @@ HWY_INLINE V copy_sign(V size, V sign) { return hn::CopySign(size, sign); }
 HWY_INLINE M current_of(const KernelArguments& a, V value, V& current) {
   const F f;
   const V sum = hn::MulAdd(value, hn::Set(f, a.gain_fa), hn::Set(f, a.dark_fa));
-  current = hn::Max(sum, hn::Set(f, kFloor_fa));
+  current = hn::Max(sum, hn::Set(f, kDarkest_fa));
   return hn::Lt(sum, hn::Set(f, 1e30f));  // false for NaN
 }
 

@@ -181,7 +181,7 @@ class ThresholdBlock {
     const F f;
     const std::int64_t frame = a_.first_frame + i;
     const float* now = planes_.next();
-    const V dark = hn::Set(f, std::log(kFloor_fa));
+    const V dark = hn::Set(f, std::log(kDarkest_fa));
     const auto take = [&](std::uint32_t p) {
       const V before = frame == 0 ? dark : hn::LoadU(f, row(i - 1) + p);
       hn::StoreU(ln_current(a_, hn::LoadU(f, now + p), before), f, row(i) + p);
