@@ -7,11 +7,14 @@ import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
+from scipy.sparse.linalg import LinearOperator, cg
 
 EDGE_PX, SLICE_US, ROUNDS = 60, 4000, 3
 FINE_PX, FLOOR = 3, 6  # of a fixed pattern, and of a frame as a logarithm [grey value]
 REACH_PX, SMOOTH, FOLLOW = 2, 1.5, 0.7  # of a slice's shift
-NEAR, POSES, STEPS, GRAIN_PX = 0.3, 12, 10, 0.45  # weight of the frames around; of a deconvolution
+# Of a deconvolution: weight of the frames around and of the prior; grey value below which noise is even; slopes of the
+# first and the last weights; steps of each of the solves.
+NEAR, POSES, PRIOR, DARK, STEEP, FLAT, SOLVES, STEPS, TINY = 0.3, 12, 0.01, 8, 0.1, 0.02, 4, 15, 1e-6
 
 
 def without_pattern(frames):
@@ -77,26 +80,36 @@ class BlurredTwin:
         return [self.pose(k, t) for t in np.linspace(*self.exposures_us[of], POSES + 2)[1:-1]]
 
     def texture(self, k):
-        """Frame k, sharp: Richardson and Lucy's deconvolution along the path, with the frames around."""
+        """Frame k, sharp: least squares along the path, with the frames around and the total variation of the
+        logarithm (Rudin, Osher & Fatemi 1992) as prior, by weights that follow the slopes."""
         height, width = self.size
         inside = cv2.GaussianBlur(np.pad(np.ones((height - 16, width - 16), np.float32), 8), (0, 0), 4)
         larger, how = (width + 2 * EDGE_PX, height + 2 * EDGE_PX), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-
-        def spread(picture, of):
-            poses = self._exposed(k, of)
-            return np.mean([cv2.warpAffine(picture, self._from_texture(p), larger, flags=how) for p in poses], 0)
-
         weights = {i: 1 if i == k else NEAR for i in (k - 1, k, k + 1) if 0 <= i < len(self.frames)}
-        total = sum(weight * spread(inside, i) for i, weight in weights.items())
-        out = np.full(larger[::-1], self.frames[k].mean(), np.float32)
-        for step in range(STEPS):
-            found = np.zeros_like(out)
-            for i, weight in weights.items():
-                ratio = np.maximum(self.frames[i], 1) / np.maximum(self.blurred(out, k, i), 1)
-                found += weight * spread((ratio * inside).astype(np.float32), i)
-            out *= np.where(total > 0.02, found / np.maximum(total, 0.02), 1).astype(np.float32)
-            if step % 3 == 2:
-                out = cv2.GaussianBlur(out, (0, 0), GRAIN_PX)
+        weights = {i: (w * inside / (self.frames[i] + DARK)).astype(np.float32) for i, w in weights.items()}
+        poses = [(i, self._from_texture(pose)) for i in weights for pose in self._exposed(k, i)]
+
+        def spread(pictures):
+            return np.sum([cv2.warpAffine(pictures[i] / POSES, pose, larger, flags=how) for i, pose in poses], 0)
+
+        def applied(values):
+            picture = values.reshape(larger[::-1]).astype(np.float32)
+            out = spread({i: weights[i] * self.blurred(picture, k, i) for i in weights})
+            for axis in (0, 1):
+                slopes = np.pad(np.diff(picture, axis=axis) * stiff[axis], [(int(a == axis),) * 2 for a in (0, 1)])
+                out -= np.diff(slopes, axis=axis)
+            return (out + TINY * picture).ravel()
+
+        wanted = spread({i: weights[i] * self.frames[i] for i in weights})
+        out = cv2.copyMakeBorder(self.frames[k], *(EDGE_PX,) * 4, cv2.BORDER_REPLICATE)
+        system = LinearOperator((out.size, out.size), applied, dtype=np.float32)
+        for slope in (STEEP, *(FLAT,) * (SOLVES - 1)):
+            stiff, level = [], out + DARK
+            for axis in (0, 1):
+                at = np.delete(level, 0, axis)
+                stiff.append(PRIOR / (at * np.hypot(np.diff(out, axis=axis) / at, slope)))
+            found, _ = cg(system, (wanted + TINY * out).ravel(), out.ravel(), rtol=1e-4, maxiter=STEPS)
+            out = np.maximum(found.reshape(out.shape), 0.5).astype(np.float32)
         return out
 
     def _refine(self):
