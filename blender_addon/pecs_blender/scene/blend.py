@@ -13,6 +13,7 @@ from pecs._errors import ExitCode, PecsError, PecsInputError, PecsNotFoundError,
 from pecs._platform import link_folder
 
 from ..spectral.spectra import Spectrum
+from ..spectral.spectral_scene import curves
 from . import content, cycles
 from .outside_files import missing_files, unreadable_pictures
 from .source import Source
@@ -54,6 +55,7 @@ class BlendScene(Source):
         layers = self.scene.view_layers
         layers.move(next((i for i, layer in enumerate(layers) if layer.use), 0), 0)  # the first that renders
         _show_in_viewports()
+        _hold_settings(self.scene)
         render = self.scene.render
         self.size = tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
         self._fps = render.fps / render.fps_base
@@ -147,6 +149,12 @@ def _show_in_viewports() -> None:
         for driver in animation.drivers if animation else ():
             driver.mute |= driver.data_path == "hide_viewport"
         one.hide_viewport = False
+
+
+def _hold_settings(scene: bpy.types.Scene) -> None:
+    """Animation of what PECS sets; in many files a driver gives each frame another seed."""
+    for curve in curves(scene):
+        curve.mute |= curve.data_path.startswith(("cycles.", "eevee.", "render.", "view_layers["))
 
 
 def _camera(path: Path, scene: bpy.types.Scene, name: str) -> bpy.types.Object:

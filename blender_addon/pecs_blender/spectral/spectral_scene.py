@@ -374,6 +374,19 @@ def movers(id_block, path: str) -> list:
     return [mover for mover in moving if not mover.mute]
 
 
+def curves(id_block) -> list:
+    """All drivers and curves that animate it, those of NLA strips included."""
+    if not (animation := id_block.animation_data):
+        return []
+    found, strips = [*animation.drivers, *_slot_curves(animation.action, animation.action_slot)], []
+    for track in animation.nla_tracks:
+        strips += track.strips
+    for strip in strips:  # the loop appends to it
+        strips += strip.strips  # of a meta strip
+        found += _slot_curves(strip.action, strip.action_slot)
+    return found
+
+
 def _slot_curves(action, slot) -> list:
     """Curves of one slot; `action.fcurves` are those of the first slot only."""
     if not action or not slot:

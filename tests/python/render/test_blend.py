@@ -216,6 +216,12 @@ for name in ("plain", "settings", "others", "mirrored"):
             thing.keyframe_insert("hide_viewport", frame=1)
         scene.cycles.time_limit, layer.pass_alpha_threshold, scene.cycles.shading_system = 0.001, 0.9, True
         scene.cycles.use_guiding = True
+        scene.driver_add("cycles.seed").driver.expression = "frame + 5"
+        scene.cycles.film_exposure = 3
+        scene.keyframe_insert("cycles.film_exposure", frame=1)
+        animation, action = scene.animation_data, scene.animation_data.action
+        animation.nla_tracks.new().strips.new("own", 1, action).action_slot = action.slots[0]
+        animation.action = None
         scene.cycles.use_sample_subset, scene.cycles.sample_offset, scene.cycles.sample_subset_length = True, 1, 1
     elif name == "mirrored":
         scene.camera.scale.x = -1
@@ -236,8 +242,8 @@ for name in ("plain", "settings", "others", "mirrored"):
 
 
 def test_settings_of_blenders_own_renders(tmp_path):
-    """Samples, limits and OSL of the file's own renders, and what windows hide; a camera that its parent's scale
-    shears, the view layer that renders, and what is left out."""
+    """Samples, limits, OSL, animated seeds of the file's own renders, and what windows hide; a camera that its parent's
+    scale shears, the view layer that renders, and what is left out."""
     import pecs
 
     in_bpy(SETTINGS, tmp_path)
