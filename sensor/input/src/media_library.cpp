@@ -58,8 +58,7 @@ VideoIndex index_video(const std::string& path) {
   while (index < file->nb_streams && file->streams[index]->codecpar->codec_type != AVMEDIA_TYPE_VIDEO) ++index;
   if (index == file->nb_streams) return out;
   const AVStream& stream = *file->streams[index];
-  if (const auto curve = stream.codecpar->color_trc; curve == AVCOL_TRC_ARIB_STD_B67 || curve == AVCOL_TRC_SMPTE2084)
-    out.high_range = curve == AVCOL_TRC_SMPTE2084 ? "PQ" : "HLG";
+  out.transfer = stream.codecpar->color_trc;
   const AVCodec* codec = avcodec_find_decoder(stream.codecpar->codec_id);
   const std::unique_ptr<AVCodecContext, Freed<avcodec_free_context>> decoder(avcodec_alloc_context3(codec));
   avcodec_parameters_to_context(decoder.get(), stream.codecpar);

@@ -45,8 +45,9 @@ double aspect_of(double per_width, double per_height) {
 constexpr int kMostParts = 1000;  // chunks, segments or entries that precede the picture
 constexpr std::size_t kMostProfile = std::size_t{1} << 22;
 
-// Exponent of the curve of an ICC profile (ISO 15076-1) at half of the values: that of green, or of grey. 0: none.
-double gamma_of_icc(std::string_view icc) {
+// Of an ICC profile (ISO 15076-1, ICC.1:2022): the exponent of its curve at half of the values, that of green or of
+// grey, and the transfer curve that its tag cicp names.
+void read_icc(std::string_view icc, PictureHeader& out) {
   const auto number = [&](std::size_t at, std::size_t size) {
     std::uint32_t value = 0;
     for (std::size_t i = at; i < at + size; ++i)
@@ -56,8 +57,9 @@ double gamma_of_icc(std::string_view icc) {
   const auto fixed = [&](std::size_t at) { return static_cast<std::int32_t>(number(at, 4)) / 65536.0; };
   const auto is = [&](std::size_t at, std::string_view name) { return at < icc.size() && icc.substr(at, 4) == name; };
   for (std::size_t tag = 132; tag < 132 + 12 * std::min(100u, number(128, 4)); tag += 12) {
-    if (!is(tag, "gTRC") && !is(tag, "kTRC")) continue;
     const std::size_t at = number(tag + 4, 4), count = number(at + 8, 4);
+    if (is(at, "cicp")) out.transfer = static_cast<int>(number(at + 9, 1));
+    if (!is(tag, "gTRC") && !is(tag, "kTRC")) continue;
     double half = 0;  // the curve's value at one half
     if (is(at, "para")) {
       const std::uint32_t kind = number(at + 8, 2);
@@ -65,13 +67,12 @@ double gamma_of_icc(std::string_view icc) {
       const double added = kind == 2 ? fixed(at + 24) : kind == 4 ? fixed(at + 32) : 0;
       half = std::pow(std::max(0.0, 0.5 * a + b), fixed(at + 12)) + added;
     } else if (is(at, "curv") && count < 2) {
-      return count == 0 ? 1 : number(at + 12, 2) / 256.0;
+      out.gamma = count == 0 ? 1 : number(at + 12, 2) / 256.0;
     } else if (is(at, "curv")) {
       half = (number(at + 12 + (count - 1) / 2 * 2, 2) + number(at + 12 + count / 2 * 2, 2)) / 131070.0;
     }
-    return half > 0 && half < 1 ? std::log(half) / std::log(0.5) : 0;
+    if (half > 0 && half < 1) out.gamma = std::log(half) / std::log(0.5);
   }
-  return 0;
 }
 
 // A name, a zero, the method and the profile, compressed.
@@ -99,8 +100,8 @@ PictureHeader of_png(Bytes& file) {
     out.alpha |= type == "tRNS";
     out.pages |= type == "acTL";  // animated
     if (type == "gAMA" && out.gamma == 0) out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
-    if (type == "iCCP" && size < kMostProfile)
-      if (const double gamma = gamma_of_icc(icc_of_png(file.text(at + 8, size))); gamma > 0) out.gamma = gamma;
+    if (type == "iCCP" && size < kMostProfile) read_icc(icc_of_png(file.text(at + 8, size)), out);
+    if (type == "cICP") out.transfer = static_cast<int>(file.number(at + 9, 1, true));
     if (type == "pHYs") out.pixel_aspect = aspect_of(file.number(at + 8, 4, true), file.number(at + 12, 4, true));
     at += 12 + std::uint64_t{size};
   }
@@ -131,7 +132,7 @@ PictureHeader of_tiff(Bytes& file, std::uint64_t start = 0) {
     out.alpha |= tag == kExtraSamples;
     out.turned |= tag == kOrientation && file.number(at + 8, 2, big) > 1;
     if (const std::size_t size = file.number(at + 4, 4, big); tag == kProfile && size < kMostProfile)
-      out.gamma = gamma_of_icc(file.text(start + file.number(at + 8, 4, big), size));
+      read_icc(file.text(start + file.number(at + 8, 4, big), size), out);
     out.white_is_zero |= tag == kPhotometric && file.number(at + 8, 2, big) == 0;
     if (tag != kXResolution && tag != kYResolution) continue;
     const std::uint64_t rational = start + file.number(at + 8, 4, big);
@@ -167,7 +168,7 @@ PictureHeader of_jpeg(Bytes& file) {
     if (kind == 0xe1 && file.text(at + 4, 4) == "Exif" && out.pixel_aspect == 1)
       out.pixel_aspect = of_tiff(file, at + 10).pixel_aspect;
     if (kind == 0xe2 && file.text(at + 4, 12) == std::string("ICC_PROFILE\0", 12) && out.gamma == 0)  // its first part
-      out.gamma = gamma_of_icc(file.text(at + 18, file.number(at + 2, 2, true)));
+      read_icc(file.text(at + 18, file.number(at + 2, 2, true)), out);
     at += 2 + file.number(at + 2, 2, true);
   }
   return out;
@@ -184,7 +185,7 @@ PictureHeader of_webp(Bytes& file) {
     if (type == std::string(4, '\0')) break;
     const std::uint64_t exif = at + 8 + (file.text(at + 8, 4) == "Exif" ? 6 : 0);
     if (type == "EXIF") out.turned = of_tiff(file, exif).turned;
-    if (type == "ICCP") out.gamma = gamma_of_icc(file.text(at + 8, std::min<std::size_t>(size, kMostProfile)));
+    if (type == "ICCP") read_icc(file.text(at + 8, std::min<std::size_t>(size, kMostProfile)), out);
     at += 8 + std::uint64_t{size} + size % 2;
   }
   return out;

@@ -11,6 +11,7 @@ struct PictureHeader {
   bool white_is_zero = false;
   bool turned = false;  // by Exif in WebP
   double gamma = 0;     // exponent from value to light, also of an ICC profile; 0: not stated
+  int transfer = 2;     // transfer curve of ITU-T H.273, which overrides gamma; 2: not stated
   int white = 0;        // greatest value; 0: that of the value's type
 };
 PictureHeader picture_header(const std::filesystem::path& path);

@@ -29,6 +29,15 @@ void check_pixel_aspect(double aspect, const std::string& name) {
     throw bad_input(name, "pixel aspect", fmt::format("{:.4g}", aspect), "1 (square pixels: resample it)");
 }
 
+// Refuses the curves of ITU-T H.273 (table 3) that are not nearly that of sRGB.
+void check_transfer(int transfer, const std::string& name) {
+  static const std::map<int, std::string> kOthers{{8, "linear light"},           {9, "logarithmic values"},
+                                                  {10, "logarithmic values"},    {16, "PQ (high dynamic range)"},
+                                                  {17, "gamma 2.6 (SMPTE 428)"}, {18, "HLG (high dynamic range)"}};
+  if (const auto other = kOthers.find(transfer); other != kOthers.end())
+    throw bad_input(name, "transfer curve", other->second, "BT.709 or sRGB: convert it, or state --colorspace");
+}
+
 namespace fs = std::filesystem;
 
 constexpr double kRounding_ms = 1;  // containers' time bases are as coarse as this
@@ -192,7 +201,8 @@ class Folder final : public Pictures {
     const bool integer = picture.depth() == CV_8U || picture.depth() == CV_16U;
     const double usual = integer ? 2.2 : 1;  // of sRGB, about; floats are linear
     constexpr double kSame = 0.05;
-    if (is_srgb_by_default_ && header.gamma > 0 && std::abs(header.gamma - usual) > kSame)
+    if (is_srgb_by_default_) check_transfer(header.transfer, file.string());
+    if (is_srgb_by_default_ && header.transfer == 2 && header.gamma > 0 && std::abs(header.gamma - usual) > kSame)
       reject("transfer curve", fmt::format("gamma {:.3g}", header.gamma),
              integer ? "2.2, or --colorspace (gamma:G, linear, srgb)" : "1, or --colorspace (gamma:G, linear, srgb)");
     if (header.turned) reject("Exif", "an orientation", "WebP pictures that are turned themselves");
@@ -229,9 +239,7 @@ class Video final : public Pictures {
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
     const VideoIndex index = media().index_video(path.string());
-    if (is_srgb_by_default_ && !index.high_range.empty())
-      throw bad_input(path.string(), "transfer curve", index.high_range + " (high dynamic range)",
-                      "BT.709 or sRGB: convert it, or state --colorspace");
+    if (is_srgb_by_default_) check_transfer(index.transfer, path.string());
     set_times(options.times, index.times_ms);
     open();
   }

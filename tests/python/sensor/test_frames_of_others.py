@@ -274,7 +274,7 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
     file's own gamma and its inversion had no effect."""
     image, cv2 = pytest.importorskip("PIL.Image"), pytest.importorskip("cv2")
     deep = np.round(65535 * srgb_of(FRAMES[0])).astype(np.uint16)
-    for name in ("signed", "long", "pages", "animated", "inverse", "linear"):
+    for name in ("signed", "long", "pages", "animated", "inverse", "linear", "pq"):
         (tmp_path / name).mkdir()
     cv2.imwrite(str(tmp_path / "signed/0.tif"), (deep // 2).astype(np.int16))
     cv2.imwrite(str(tmp_path / "long/0.tif"), deep.astype(np.int32))
@@ -282,9 +282,10 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
     pages[0].save(tmp_path / "pages/0.tif", save_all=True, append_images=pages[1:])
     pages[0].save(tmp_path / "animated/0.png", save_all=True, append_images=[image.fromarray(deep // 2)])
     pages[0].save(tmp_path / "inverse/0.tif", tiffinfo={262: 0})
-    png, gamma = cv2.imencode(".png", deep)[1].tobytes(), b"gAMA" + struct.pack(">I", 100_000)
-    gamma = struct.pack(">I", 4) + gamma + struct.pack(">I", zlib.crc32(gamma))
-    (tmp_path / "linear/0.png").write_bytes(png[:33] + gamma + png[33:])
+    png = cv2.imencode(".png", deep)[1].tobytes()
+    for name, chunk in ("linear", b"gAMA" + struct.pack(">I", 100_000)), ("pq", b"cICP" + bytes((9, 16, 0, 1))):
+        chunk = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        (tmp_path / name / "0.png").write_bytes(png[:33] + chunk + png[33:])
     for name, words in {
         "signed": "0.tif: values: got CV_16S, wanted unsigned integers of 8 or 16 bits, or floating point",
         "long": "0.tif: values: got CV_32S, wanted",
@@ -292,21 +293,24 @@ def test_values_that_are_not_known_are_refused(tmp_path, pecs_program):
         "animated": "0.png: got several pictures, wanted one",
         "inverse": "0.tif: photometric: got white is 0, wanted black is 0",
         "linear": "0.png: transfer curve: got gamma 1, wanted 2.2, or --colorspace",
+        "pq": "0.png: transfer curve: got PQ (high dynamic range), wanted BT.709",
     }.items():
         refused(pecs_program, tmp_path / name, words, "--fps", 1000)
     refused(pecs_program, tmp_path / "linear", "frames: got 1", "--fps", 1000, "--colorspace", "linear")
 
 
 def icc(kind):
-    """A profile with a curve of green."""
+    """A profile with a curve of green, or the tag that replaces one."""
     curve = {
         "linear": b"curv" + struct.pack(">4xI", 0),
         "1.8": b"curv" + struct.pack(">4xIH", 1, round(1.8 * 256)),
         "table": b"curv" + struct.pack(">4xI1024H", 1024, *np.linspace(0, 65535, 1024).astype(int)),
+        "hlg": b"cicp" + bytes((0, 0, 0, 0, 9, 18, 0, 1)),
         "srgb": b"para"
         + struct.pack(">4xH2x5i", 3, *(round(65536 * v) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))),
     }[kind] + np.random.default_rng(1).bytes(2000)  # libpng warns of streams that are very short
-    head = (144 + len(curve), b"mntr", b"RGB ", b"XYZ ", b"acsp", 63190, 65536, 54061, 1, b"gTRC", 144, len(curve))
+    tag = b"cicp" if kind == "hlg" else b"gTRC"
+    head = (144 + len(curve), b"mntr", b"RGB ", b"XYZ ", b"acsp", 63190, 65536, 54061, 1, tag, 144, len(curve))
     return struct.pack(">I8x4s4s4s12x4s28x3i48xI4sII", *head) + curve
 
 
@@ -314,11 +318,11 @@ def icc(kind):
 def test_the_curve_of_a_profile(tmp_path, pecs_program, end):
     """Raw developers write linear pictures of integers, which were decoded as sRGB."""
     image = pytest.importorskip("PIL.Image")
-    for kind, gamma in {"linear": 1, "1.8": 1.8, "table": 1, "srgb": None}.items():
+    for kind, got in {"linear": "gamma 1", "1.8": "gamma 1.8", "table": "gamma 1", "hlg": "HLG", "srgb": ""}.items():
         (tmp_path / kind).mkdir()
         picture = image.fromarray(np.repeat(np.round(255 * srgb_of(FRAMES[0])).astype(np.uint8)[..., None], 3, 2))
         picture.save(tmp_path / f"{kind}/0.{end}", icc_profile=icc(kind))
-        words = f"0.{end}: transfer curve: got gamma {gamma}, wanted 2.2" if gamma else "frames: got 1, wanted"
+        words = f"0.{end}: transfer curve: got {got}" if got else "frames: got 1, wanted"
         refused(pecs_program, tmp_path / kind, words, "--fps", 1000)
     if end == "tif":  # floating point is linear
         for kind, words in {

@@ -20,7 +20,7 @@ struct VideoFrames {
 
 struct VideoIndex {
   std::vector<double> times_ms;  // of all frames that can be decoded, in the order of display; NaN: the file has none
-  std::string high_range;        // name of the transfer curve (HLG, PQ); empty: none of high dynamic range
+  int transfer = 2;              // transfer curve of ITU-T H.273; 2: not stated
 };
 
 struct Media {
