@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from ._errors import PecsNotFoundError
+from ._errors import ExitCode, PecsNotFoundError, one_line
 from ._platform import become, program_file
 
 
@@ -36,4 +36,6 @@ def main() -> None:
         os.environ.setdefault("PECS_PYTHON", sys.executable)
         become([os.path.abspath(path), *sys.argv[1:]])
     except OSError as e:
-        sys.exit(f"pecs: {e}")
+        words = str(e) if isinstance(e, PecsNotFoundError) else f"{path}: {e.strerror}"
+        print(f"pecs: {one_line(words)}", file=sys.stderr)
+        sys.exit(ExitCode.NOT_FOUND)

@@ -184,3 +184,7 @@ def test_program(root, monkeypatch):
     monkeypatch.setenv("PECS_PROGRAM", "/elsewhere/pecs")
     with pytest.raises(pecs.PecsNotFoundError, match="PECS_PROGRAM: /elsewhere/pecs: no such file"):
         pecs.program()
+    for named, words in ("/elsewhere/pecs", "no such file"), (__file__, f"{__file__}: Permission denied"):
+        monkeypatch.setenv("PECS_PROGRAM", named)
+        answer = subprocess.run([sys.executable, "-m", "pecs", "--version"], capture_output=True, text=True)
+        assert (answer.returncode, words in answer.stderr) == (3, True), answer
