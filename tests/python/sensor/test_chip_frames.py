@@ -127,6 +127,18 @@ def test_a_refractory_period_may_end_with_a_part_of_an_interval():
     assert count[4.9e-4] > 1000 and count[5e-4] == pytest.approx(count[4.9e-4], rel=0.05), count
 
 
+def test_a_refractory_period_may_end_with_an_exposure():
+    """All pixels have an event where an exposure begins. The planes decided which of them had rested when it ended."""
+    values = {"frame_exposure_s": 0.002, "frame_period_s": 0.024, "refractory_period_s": 0.002, "frame_step": 0.4}
+    values |= {"frame_step_spread": 0, "threshold_mismatch": 0, "leak_rate_hz": 0, "background_on_hz": 0}
+    for distance_us in (500, 1700, 5000):
+        options = {"chip_frames": True, "noise": False, "readout": "ideal", "overrides": values}
+        light = np.full((200_000 // distance_us, 8, 8), 0.5, np.float32)
+        events, *_ = pecs.simulate(light, distance_us * np.arange(len(light)), "davis346", **options)
+        polarities = events["p"][events["t"] < 190_000]
+        assert len(polarities) == 8 * 64 * 2 and polarities.all(), distance_us
+
+
 def test_a_later_window_has_the_frames_of_the_whole(tmp_path):
     write(tmp_path / "s", period_ns=N * 1_000_000, level=1e-4)
     dn, t_us, _ = take(tmp_path / "s", tmp_path, "whole", **SHORT, duration_us=120_000)

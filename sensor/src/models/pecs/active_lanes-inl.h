@@ -63,6 +63,7 @@ struct ActiveLanes {
   HWY_ALIGN float live[kLanes], ready[kLanes], splits[kLanes], leaf[kLanes];
   HWY_ALIGN float on[kLanes], off[kLanes], reference[kLanes], blind[kLanes];
   HWY_ALIGN float background[kLanes], exposure[kLanes];  // next of DueEvents
+  HWY_ALIGN float wakes_before[kLanes];                  // refractory periods that end later end in the next step
   HWY_ALIGN float light[4][kLanes], steepest[kLanes], steepest_second[kLanes];
   HWY_ALIGN float s[kLanes], w[kLanes], i[kLanes], slope[kLanes], v[kLanes];  // state of the photoreceptor
   HWY_ALIGN float y[kLanes], e[kLanes];                    // of the amplifier; slow part of the steps by exposures

@@ -49,9 +49,12 @@ class ActivePixels {
 
  private:
   static constexpr float kTolerance = kAmplifier ? 4e-4f : 2e-4f;  // of V, and of y
-  static constexpr float kStraight = 0.01f;     // of the noise: deviation from a straight line that does not count
-  static constexpr float kStraight_us = 2;      // the same, where the path crosses
-  static constexpr float kShortest = 0x1p-21f;  // part of a step that is not split, relative to its end
+  static constexpr float kStraight = 0.01f;  // of the noise: deviation from a straight line that does not count
+  static constexpr float kStraight_us = 2;   // the same, where the path crosses
+  // A refractory period that ends so shortly before an exposure's step, or at it, ends after it.
+  static constexpr float kTie_us = 0.5f;
+  static constexpr float kLastWake = 1 - 1e-6f;  // later ones end in the next interval, whose start may be such a step
+  static constexpr float kShortest = 0x1p-21f;   // part of a step that is not split, relative to its end
 
   HWY_INLINE Photoreceptor<V> photoreceptor(const IntervalTimes& t, const ActiveLanes& g) const {
     return {cubic(g.light),
@@ -254,8 +257,11 @@ class ActivePixels {
       noise_of_step(t, g, ready, begin, end);
     else
       set(g.leaf, hn::Or(ready, holds(g.leaf)));
+    set(g.wakes_before, hn::IfThenElse(ready, hn::Set(f, kLastWake), get(g.wakes_before)));
     if constexpr (kReceptor) {
       if (const M exposed = hn::And(ready, hn::Ge(end, get(g.exposure))); !hn::AllFalse(f, exposed)) {
+        const V last = hn::Sub(end, hn::Set(f, kTie_us * t.per_h));
+        set(g.wakes_before, hn::IfThenElse(exposed, last, get(g.wakes_before)));
         due_.expose(t, g, exposed);
         set_motion(g, photoreceptor(t, g).motion());
       }
@@ -314,7 +320,7 @@ class ActivePixels {
     const V at1 = hn::Add(v1, noise1.z), rise = hn::Abs(hn::Sub(at1, hn::Add(v.c0, noise0.z)));
     const M crosses = hn::Or(hn::Ge(at1, level_on), hn::Le(at1, level_off));
     const V blind = get(g.blind);
-    const M sleeps = hn::And(seeking, hn::Ge(blind, latest_wake(begin, end))), awake = hn::AndNot(sleeps, seeking);
+    const M sleeps = hn::And(seeking, hn::Ge(blind, latest_wake(g, begin, end))), awake = hn::AndNot(sleeps, seeking);
     const M is_due = hn::Lt(get(g.background), end);
     const VU later = hn::Load(u32, g.later);
     const M is_candidate = hn::Gt(hn::Abs(get(g.candidate)), zero);
@@ -353,15 +359,15 @@ class ActivePixels {
   // A refractory period that ends nearer to an end of a part, relative to its length, ends there: noise cannot be drawn
   // over so short a time in floats.
   static constexpr float kWakes = 1e-4f;
-  static HWY_INLINE V latest_wake(V begin, V end) {
-    return hn::NegMulAdd(hn::Set(F(), kWakes), hn::Sub(end, begin), end);
+  static HWY_INLINE V latest_wake(const ActiveLanes& g, V begin, V end) {
+    return hn::Min(hn::NegMulAdd(hn::Set(F(), kWakes), hn::Sub(end, begin), end), get(g.wakes_before));
   }
 
   // The part at work begins where the refractory period ends in it.
   HWY_INLINE void wake(const IntervalTimes& t, ActiveLanes& g, M seeking) {
     const F f;
     const V blind = get(g.blind), from = get(g.from), begin = time_of(g, from), end = time_of(g, get(g.to));
-    const M wakes = hn::And(seeking, hn::And(hn::Gt(blind, hn::Zero(f)), hn::Lt(blind, latest_wake(begin, end))));
+    const M wakes = hn::And(seeking, hn::And(hn::Gt(blind, hn::Zero(f)), hn::Lt(blind, latest_wake(g, begin, end))));
     if (hn::AllFalse(f, wakes)) return;
     set(g.blind, hn::IfThenZeroElse(wakes, blind));
     const M at_begin = hn::And(wakes, hn::Le(blind, hn::MulAdd(hn::Set(f, kWakes), hn::Sub(end, begin), begin)));
@@ -485,8 +491,8 @@ class ActivePixels {
     const V one = hn::Set(f, 1.0f), zero = hn::Zero(f);
     M leaf = holds(g.leaf);
     set(g.leaf, zero);
-    const V end = time_of(g, get(g.to)), blind = get(g.blind);
-    const M blinded = hn::And(leaf, hn::Gt(blind, zero)), wakes = hn::AndNot(hn::Ge(blind, end), blinded);
+    const V end = time_of(g, get(g.to)), latest = hn::Min(end, get(g.wakes_before)), blind = get(g.blind);
+    const M blinded = hn::And(leaf, hn::Gt(blind, zero)), wakes = hn::AndNot(hn::Ge(blind, latest), blinded);
     M done = hn::AndNot(wakes, blinded);
     if (!hn::AllFalse(f, wakes)) {
       const V begin = time_of(g, get(g.from)), u = hn::Max(zero, hn::Div(hn::Sub(blind, begin), hn::Sub(end, begin)));
@@ -516,7 +522,7 @@ class ActivePixels {
       // The reference is V when the refractory period ends.
       const V refractory = hn::Mul(hn::Set(f, static_cast<float>(a_.constants.refractory_us)), hn::Set(f, t.per_h));
       const V until = hn::Add(s, refractory), begin = time_of(g, from);
-      const M rests = hn::Gt(refractory, zero), sleeps = hn::And(fires, hn::And(rests, hn::Ge(until, end)));
+      const M rests = hn::Gt(refractory, zero), sleeps = hn::And(fires, hn::And(rests, hn::Ge(until, latest)));
       const M resets = hn::AndNot(sleeps, fires);
       set(g.blind, hn::IfThenElse(sleeps, until, get(g.blind)));
       done = hn::Or(done, sleeps);
