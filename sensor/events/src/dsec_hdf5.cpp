@@ -87,19 +87,26 @@ class DsecReader final : public BlockReader {
   void check_index(const std::filesystem::path& path) {
     const hdf5::Column index(file_, path, "/ms_to_idx");
     index.require_integers();
-    std::int64_t event = 0, around[2] = {};
-    std::uint64_t ms = index.size();
-    while (ms > 1) {
-      index.read_integers(--ms, {&event, 1});
-      if (event <= 0 || static_cast<std::uint64_t>(event) >= columns_[0].size()) continue;
-      columns_[0].read_integers(static_cast<std::uint64_t>(event) - 1, around);
-      const auto begin_us = static_cast<std::int64_t>(ms) * 1000;
-      if (around[0] >= begin_us || around[1] < begin_us)
-        throw columns_[0].damage(fmt::format("{} and {} around ms_to_idx[{}]", around[0], around[1], ms),
-                                 fmt::format("{} us between them; or {}", begin_us, kStateTheUnit));
-      has_index_ = true;
-      return;
+    const auto event_of = [&](std::uint64_t ms) {
+      std::int64_t event = 0;
+      index.read_integers(ms, {&event, 1});
+      return event;
+    };
+    const auto events = static_cast<std::int64_t>(columns_[0].size());
+    std::uint64_t ms = 0;
+    for (std::uint64_t end = index.size(); end > ms + 1;) {
+      const std::uint64_t middle = ms + (end - ms) / 2;
+      (event_of(middle) < events ? ms : end) = middle;
     }
+    const std::int64_t event = ms > 0 ? event_of(ms) : 0;
+    if (event <= 0) return;
+    std::int64_t around[2] = {};
+    columns_[0].read_integers(static_cast<std::uint64_t>(event) - 1, around);
+    const auto begin_us = static_cast<std::int64_t>(ms) * 1000;
+    if (around[0] >= begin_us || around[1] < begin_us)
+      throw columns_[0].damage(fmt::format("{} and {} around ms_to_idx[{}]", around[0], around[1], ms),
+                               fmt::format("{} us between them; or {}", begin_us, kStateTheUnit));
+    has_index_ = true;
   }
 
   bool next_block() override {
