@@ -1,6 +1,7 @@
 // pecs lens: properties, ray tracing, conversion and drawings of lens prescriptions.
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -258,6 +259,7 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
                       std::string (*picture)(const lens::Prescription&, const lens::DrawOptions&)) {
   struct Options : LensArguments {
     lens::DrawOptions draw;
+    lens::InfoOptions film;
     std::string output;
   };
   const auto o = std::make_shared<Options>();
@@ -267,10 +269,8 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
   add_output(*command, "-o,--output", o->output, "picture: .svg or .png")->required();
   o->add_width_to(*command);
   add_wavelength(*command, o->draw.bands_nm, "wavelengths, separated by commas")->delimiter(',')->capture_default_str();
-  command->add_option("--film-half-diagonal", o->draw.film_half_diagonal_mm, "half diagonal of the film")
-      ->transform(quantity("mm"))
-      ->capture_default_str();
-  command->add_option("--fields", o->draw.fields, "film points, as fractions of the half diagonal")
+  add_film(*command, o->film);
+  command->add_option("--fields", o->draw.fields, "film points, as fractions of the film's half diagonal")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--rays", o->draw.rays_per_fan, "rays per field and wavelength")
@@ -284,13 +284,15 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
     const lens::Prescription prescription = lens::load_prescription(o->lens);
     o->draw.focus_m = o->focus_m;
     o->draw.stop_diameter_mm = lens::resolve_stop(prescription, o->stop);
+    o->draw.film_half_diagonal_mm = 0.5 * std::hypot(o->film.film_width_mm, o->film.film_height_mm);
     write_picture(o->output, picture(prescription, o->draw), o->width_px);
     console.record(o->output, {.command = "lens " + name,
                                .config = {{"lambda_nm", o->draw.bands_nm},
                                           {"focus_m", or_null(o->draw.focus_m)},
                                           {"stop_diameter_mm", o->draw.stop_diameter_mm},
                                           {"fields", o->draw.fields},
-                                          {"film_half_diagonal_mm", o->draw.film_half_diagonal_mm},
+                                          {"film_width_mm", o->film.film_width_mm},
+                                          {"film_height_mm", o->film.film_height_mm},
                                           {"rays", o->draw.rays_per_fan}},
                                .inputs = {prescription.file},
                                .results = Json::object()});

@@ -5,7 +5,6 @@
 """
 
 import json
-import math
 import subprocess
 from pathlib import Path
 
@@ -52,8 +51,8 @@ def main():
             f"| {axis['rms_spot_um'][0]:.1f} / {corner['rms_spot_um'][0]:.1f} |\n"
         )
         chart = charts / f"{name}.svg"
-        half_mm = f"{math.hypot(*film_mm) / 2:.4f}"
-        command = [pecs.program(), "lens", "chart", name, "-o", chart, "--film-half-diagonal", half_mm]
+        film_options = [f"--film-width={film_mm[0]}", f"--film-height={film_mm[1]}"]
+        command = [pecs.program(), "lens", "chart", name, "-o", chart, *film_options]
         subprocess.run(command, check=True, capture_output=True)
         chart.with_name(f"{chart.name}.run.json").unlink()
         source = "; ".join(str(v) for v in lens["source"].values())

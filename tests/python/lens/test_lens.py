@@ -115,14 +115,14 @@ def test_wrong_uses(pecs_program, arguments, code, words):
 
 def test_draw_in_python(pecs_program, tmp_path):
     """The program's drawing, as text."""
-    options = ("--stop-diameter", 1, "--focus", 1.56, "--film-half-diagonal", 2.5)
+    options = ("--stop-diameter", 1, "--focus", 1.56, "--film-width", 4, "--film-height", 3)
     pecs_program("lens", "draw", LENS, *options, "-o", tmp_path / "x.svg")
     drawn = pecs.Lens(LENS).draw(stop_diameter_mm=1, focus_m=1.56, film_width_mm=4, film_height_mm=3)
     assert drawn == (tmp_path / "x.svg").read_text()
 
 
 def test_axes_of_a_chart_have_round_numbers(pecs_program, tmp_path):
-    pecs_program("lens", "chart", LENS, "--film-half-diagonal", 18, "-o", tmp_path / "x.svg", check=True)
+    pecs_program("lens", "chart", LENS, "--film-width", 36, "--film-height", 1, "-o", tmp_path / "x.svg", check=True)
     numbers = re.findall(r'font-size="10"[^>]*>(-?[\d.]+)(?: um)?<', (tmp_path / "x.svg").read_text())
     assert len(numbers) > 40 and all(float(f"{float(n):.2g}") == float(n) for n in numbers), numbers
 
