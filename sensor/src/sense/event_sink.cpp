@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 namespace pecs::sensor {
@@ -34,6 +35,7 @@ EventSink::EventSink(const SenseOptions& options, const Chip& chip, const Timeli
     : options_(options),
       timeline_(timeline),
       stages_(options.stages, timeline.source().info().width, timeline.source().info().height) {
+  stages_.begin_at(std::llround(timeline.t_us(0)));
   const StackInfo& info = timeline.source().info();
   const bool inside = options.frames == options.output;
   if (options.dropped) dropped_file_.emplace(*options.dropped, options.stages);  // first: it may be refused

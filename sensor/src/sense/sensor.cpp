@@ -167,6 +167,7 @@ void Sensor::advance(std::span<const float* const> planes, std::span<const doubl
   sorter_.begin(batch.t_us);
   pixels_.advance(batch, {0, static_cast<std::uint32_t>(pixels())}, sorter_);
   if (!readout_ && !has_stages_) return sorter_.take(clock_.final_us(), out);
+  stages_.begin_at(std::llround(clock_.begin_us()));
   for (LabelledEvents* part : {&fired_, &sent_}) part->events.clear(), part->causes.clear();
   sorter_.take(clock_.final_us(), fired_);
   stages_.before_readout(fired_);

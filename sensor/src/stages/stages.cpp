@@ -16,8 +16,8 @@ std::size_t pixels_of(int width, int height) {
   return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
 }
 
-// Number of an event's period; times may be below 0.
-std::int64_t erc_period(const Event& e) { return (e.t_us - (e.t_us < 0 ? kErcPeriod_us - 1 : 0)) / kErcPeriod_us; }
+// Number of the period; times may be below 0.
+std::int64_t erc_period(std::int64_t t_us) { return (t_us - (t_us < 0 ? kErcPeriod_us - 1 : 0)) / kErcPeriod_us; }
 
 constexpr std::int64_t kLongAgoUs = std::numeric_limits<std::int64_t>::min() / 4;
 
@@ -175,7 +175,8 @@ void EventStages::after_readout(LabelledEvents& labelled, bool last, std::vector
   const bool has_causes = !labelled.causes.empty();
   for (std::size_t i = 0; i < labelled.events.size(); ++i) {
     const Event& e = labelled.events[i];
-    if (most_ && !held_.empty() && erc_period(e) != erc_period(held_.front().event)) release(out, dropped);
+    if (most_ && !held_.empty() && erc_period(e.t_us - begin_us_) != erc_period(held_.front().event.t_us - begin_us_))
+      release(out, dropped);
     held_.push_back({e, has_causes ? labelled.causes[i] : Cause::signal, stage_of(e)});
   }
   if (last || !most_) release(out, dropped);

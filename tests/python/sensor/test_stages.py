@@ -64,6 +64,8 @@ def test_a_sensor_counts_what_each_stage_drops(tmp_path):
     assert {key for key, n in sensor.dropped_by_stage.items() if n} == {"roi", "mask", "trail", "erc"}
     assert events["x"].max() < 20 and 3 not in events["x"]
     assert np.unique(events["t"] // 200, return_counts=True)[1].max() <= 4
+    late = pecs.simulate(frames, t_us + 77, labels=True, **stages)  # ERC counts from the first frame, as `pecs sense`
+    assert abs(len(late) - len(events)) <= 2 and np.unique((late["t"] - 77) // 200, return_counts=True)[1].max() <= 4
 
 
 STAGES = {

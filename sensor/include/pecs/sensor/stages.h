@@ -73,6 +73,8 @@ class EventStages {
   // Throws bad_input for a mask or window beyond the picture.
   EventStages(const StageOptions& options, int width, int height);
   ~EventStages();
+  // The periods of ERC are counted from this time (default: 0).
+  void begin_at(std::int64_t t_us) { begin_us_ = t_us; }
   // Both remove the events that a stage drops, and append them to `dropped` if it is given.
   void before_readout(LabelledEvents& events, std::vector<DroppedEvent>* dropped = nullptr);
   // With ERC, holds the events of the last period until the next begins or `last`. Throws bad_input for events outside
@@ -96,6 +98,7 @@ class EventStages {
   std::unique_ptr<Blocks> afk_;
   std::unique_ptr<Bursts> trail_;
   std::int64_t most_ = 0;  // events per reference period; 0: no limit
+  std::int64_t begin_us_ = 0;
   std::vector<Held> held_;
   StageCounts counts_{};
 };
