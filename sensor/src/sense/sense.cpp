@@ -325,14 +325,17 @@ void SenseRun::note_light(const LightBatch& light, PixelRange range) {
 }
 
 void SenseRun::warn_of_light(std::vector<std::string>& warnings) const {
-  constexpr double kDim_hz = 1;
+  // The time constant of the photoreceptor is as long as the recording, or a sixth of a second.
+  const double end_us = std::min(static_cast<double>(timeline_.to_us()), timeline_.t_us(timeline_.steps() - 1));
+  const double length_s = std::max(1.0, end_us - static_cast<double>(timeline_.from_us())) * 1e-6;
+  const double dim_hz = std::max(1.0, 1 / (2 * std::numbers::pi * length_s));
   const double corner_hz = results_["corner_hz"]["median"].get<double>();
   const bool is_relative = source_->info().quantity == Quantity::relative;
-  if (corner_hz > 0 && corner_hz < kDim_hz)
+  if (corner_hz > 0 && corner_hz < dim_hz)
     warnings.push_back(
-        fmt::format("the photoreceptor's corner is {:.2g} Hz in the median pixel, which hardly follows: "
+        fmt::format("the photoreceptor's corner is {:.2g} Hz in the median pixel, which hardly follows in {:.3g} s: "
                     "more light gives more events ({})",
-                    corner_hz, is_relative ? "--photocurrent" : "of the scene, or --light-scale 100"));
+                    corner_hz, length_s, is_relative ? "--photocurrent" : "of the scene, or --light-scale 100"));
   if (!changes_) warnings.push_back("no pixel's light changes by a threshold: events, if any, are the chip's noise");
 }
 
@@ -344,8 +347,8 @@ void SenseRun::warn_of_pitch(std::vector<std::string>& warnings) const {
   const double pitch_m = *info.pixel_pitch_m;
   if (differs(pitch_m, chip_.pixel_pitch_m) && differs(pitch_m * info.width, chip_.pixel_pitch_m * chip_.width))
     warnings.push_back(fmt::format(
-        "{}: its pixels are {:.4g} um apart, those of {} {:.4g} um, which decides how much light a pixel gets; "
-        "simulate with the chip that it was rendered for",
+        "{}: its pixels are {:.4g} um apart, those of {} {:.4g} um: each gets the light of a pixel of the chip, in a "
+        "picture that the chip does not have; simulate with the chip that it was rendered for",
         source_->name(), pitch_m * 1e6, chip_.name, chip_.pixel_pitch_m * 1e6));
 }
 

@@ -131,6 +131,12 @@ def test_pixels_of_another_size_than_the_chips(tmp_path, pecs_program):
     assert ["15 um apart, those of imx636 4.86 um" in line for line in warnings(pixel_pitch_m=1.5e-5)] == [True]
 
 
+def test_pixels_slower_than_the_recording(tmp_path):
+    """2.3 Hz, a time constant of 70 ms, in 23 ms had a twentieth of the events and no warning."""
+    with pytest.warns(UserWarning, match="corner is 2.3 Hz in the median pixel, which hardly follows in 0.023 s"):
+        pecs.sense(write(tmp_path / "s", level=1e-6), tmp_path / "o.npz")
+
+
 def test_models_labels_readout_and_gain(tmp_path, pecs_program):
     write(tmp_path / "s", level=1e-3)
     counts = {}
