@@ -17,17 +17,6 @@ struct pecs_event_writer {
   std::unique_ptr<events::Writer> writer;
 };
 
-namespace {
-
-pecs_event_reader* open_reader(const char* path, const std::optional<std::string>& format,
-                               const events::ReadOptions& options) {
-  const events::Codec& codec = events::codec_of_file(path, format);
-  return new pecs_event_reader{&codec, events::open_reader(codec, path, options),
-                               options.late != events::ReadOptions::Late::keep};
-}
-
-}  // namespace
-
 static_assert(sizeof(pecs_event) == sizeof(events::Event) &&
               offsetof(pecs_event, t_us) == offsetof(events::Event, t_us) &&
               offsetof(pecs_event, x) == offsetof(events::Event, x) &&
@@ -49,13 +38,7 @@ char* pecs_event_formats(pecs_error* error) {
   });
 }
 
-pecs_event_reader* pecs_event_reader_open(const char* path, const char* format, pecs_error* error) {
-  return guard(error, [&] {
-    return open_reader(&given(path, "path"), format ? std::optional<std::string>(format) : std::nullopt, {});
-  });
-}
-
-pecs_event_reader* pecs_event_reader_open_with(const char* path, const char* options_json, pecs_error* error) {
+pecs_event_reader* pecs_event_reader_open(const char* path, const char* options_json, pecs_error* error) {
   return guard(error, [&] {
     const Json json = capi::options_from(options_json);
     JsonObject o(json, "options");
@@ -69,7 +52,8 @@ pecs_event_reader* pecs_event_reader_open_with(const char* path, const char* opt
     using Late = events::ReadOptions::Late;
     if (o.has("late")) read.late = o.one_of("late", {"sort", "drop"}) == "sort" ? Late::sort : Late::drop;
     o.done();
-    return open_reader(&given(path, "path"), format, read);
+    const events::Codec& codec = events::codec_of_file(&given(path, "path"), format);
+    return new pecs_event_reader{&codec, events::open_reader(codec, path, read), read.late != Late::keep};
   });
 }
 

@@ -28,3 +28,8 @@ def is_file_name(text: str) -> bool:
 def markdown(value: object) -> str:
     """Escaped, and in one line."""
     return _MARKDOWN.sub(r"\\\1", " ".join(str(value).split()))
+
+
+def counted(number: int, thing: str) -> str:
+    """A number of things, with the plural in s."""
+    return f"{number} {thing}{'s' * (number != 1)}"

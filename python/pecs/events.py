@@ -76,7 +76,7 @@ def _plain_fields(value: Any) -> Any:
 
 
 _formats = function("pecs_event_formats", POINTER)
-_open = function("pecs_event_reader_open_with", POINTER, TEXT, TEXT)
+_open = function("pecs_event_reader_open", POINTER, TEXT, TEXT)
 _info = function("pecs_event_reader_info", POINTER, POINTER)
 _read = function("pecs_event_reader_read", INT64, POINTER, POINTER, INT64)
 _reader_close = function("pecs_event_reader_close", None, POINTER, error=False)

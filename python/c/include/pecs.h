@@ -154,11 +154,10 @@ typedef struct pecs_event {
 PECS_API char* pecs_event_formats(pecs_error* error);
 
 typedef struct pecs_event_reader pecs_event_reader;
-/* format: a name of the list above, or NULL: found from the content. */
-PECS_API pecs_event_reader* pecs_event_reader_open(const char* path, const char* format, pecs_error* error);
-/* options_json: {"format", "time_unit": "s" | "ms" | "us" | "ns" and "width", "height" of a file that does not state
- * them, "late": "sort" | "drop" events that are earlier than one before them}; all may be left out. */
-PECS_API pecs_event_reader* pecs_event_reader_open_with(const char* path, const char* options_json, pecs_error* error);
+/* options_json: {"format": a name of the list above (default: found from the content), "time_unit": "s" | "ms" | "us" |
+ * "ns" and "width", "height" of a file that does not state them, "late": "sort" | "drop" events that are earlier than
+ * one before them}; all may be left out, NULL: none. */
+PECS_API pecs_event_reader* pecs_event_reader_open(const char* path, const char* options_json, pecs_error* error);
 /* {"format": .., "width": .., "height": .., "camera": .., "late_events": number so far, with "late"}; width and height
  * are 0 for a file that does not say, until all events are read. */
 PECS_API char* pecs_event_reader_info(const pecs_event_reader* reader, pecs_error* error);

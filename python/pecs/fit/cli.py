@@ -15,6 +15,7 @@ from .._command import answer
 from .._errors import UsageError, existing
 from .._files import check_outputs, read_text, write_json
 from .._progress import Line
+from .._text import counted
 from ..chip import Chip
 from .profile import pixel_map_path
 
@@ -234,9 +235,8 @@ def _report(found: Fitted, args: argparse.Namespace, line: Line) -> None:
     for file, moving in found.moving.items():
         by = f"correlation of their changes and the events' {moving.correlation:.3f}"
         print(f"{file}: {moving.pairs} pairs of frames, {by}")
-    count = f"{len(found.files)} recording{'s' * (len(found.files) > 1)}"
     misfit = "no still light" if found.misfit is None else f"misfit {found.misfit:.2f} (1: as the noise)"
-    print(f"{args.output}: {found.chip} fitted to {count}, {misfit}")
+    print(f"{args.output}: {found.chip} fitted to {counted(len(found.files), 'recording')}, {misfit}")
 
 
 if __name__ == "__main__":

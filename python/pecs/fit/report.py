@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._pages import Node, figure, image, plot, row, table, write_page
+from .._text import counted
 from . import disk, statistics
 from .davis import Moving
 from .davis_still import StillProblem, StillStatistics
@@ -165,9 +166,8 @@ def _still_windows(data: StillProblem, simulated: StillStatistics) -> list[Node]
         ranks.append(np.quantile(counts, share) / (1e-6 * number * data.of.period_us))
     plots.append(_both(100 * share, ranks, ("% of the pixels", "Hz"), "pixels by their rate"))
     lamp = f" A lamp flickers at {data.lamp_hz:.1f} Hz." if data.lamp_hz else ""
-    said = (
-        f"{number} still window{'s' * (number > 1)}, {len(data.light)} pixels; numbers of events are logarithms.{lamp}"
-    )
+    pixels = f"{counted(number, 'still window')}, {len(data.light)} pixels"
+    said = f"{pixels}; numbers of events are logarithms.{lamp}"
     return [["p", said], row(plots)]
 
 
