@@ -53,7 +53,8 @@ def _both_ways(
         shown: list[Picture] = []
         for window in known[:count]:
             before = [*before, window][-several:]
-            joined = replace(window, begin_us=window.end_us - span_us, events=_events(before))
+            begin_us = min(window.end_us - span_us, before[0].begin_us)  # equal, except for rounding
+            joined = replace(window, begin_us=begin_us, events=_events(before))
             shown.append(forward[number % several](joined).astype(np.float32))
             number += 1
         backward = [copy(network) for _ in range(several)]

@@ -43,7 +43,7 @@ def windows(reader: EventReader, length_us: float, after_us: float = 0.0) -> Ite
             raise bad_input("times", "", got, f"at most {MOST_WINDOWS} (--fps, or a part of the recording)")
         while events["t"][-1] >= (end_us := begin_us + (number + 1) * length_us):
             cut = int(np.searchsorted(events["t"], end_us))
-            yield Window(end_us - length_us, end_us, np.concatenate([*kept, events[:cut]]))
+            yield Window(begin_us + number * length_us, end_us, np.concatenate([*kept, events[:cut]]))
             kept, events, number = [], events[cut:], number + 1
         kept.append(events.copy())
     if begin_us is not None:
