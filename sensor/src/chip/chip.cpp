@@ -62,12 +62,13 @@ constexpr std::array kValues = {
     Value{"frame_adc_bits", "bit", 1, 16, &Chip::frame_adc_bits},
     Value{"frame_auto_mean", "1", 0, 1, &Chip::frame_auto_mean},
     Value{"frame_auto_gain", "1", 1e-3, 10, &Chip::frame_auto_gain},
+    Value{"frame_auto_libcaer", "bit", 0, 1, &Chip::frame_auto_libcaer},
     Value{"frame_step", "ln", 0, 5, &Chip::frame_step},
     Value{"frame_step_spread", "1", 0, 2, &Chip::frame_step_spread},
     Value{"frame_step_slow", "ln", 0, 5, &Chip::frame_step_slow},
     Value{"frame_step_slow_s", "s", 1e-6, 10, &Chip::frame_step_slow_s},
 };
-constexpr std::size_t kFrameValues = 17;  // the last ones, those of the object `frames`, which a profile may lack
+constexpr std::size_t kFrameValues = 18;  // the last ones, those of the object `frames`, which a profile may lack
 
 bool is_whole(double v) { return v == std::floor(v); }
 
@@ -278,9 +279,11 @@ void take_frames(Chip& chip, bool takes, const std::string& option, const std::v
   for (const std::string& text : overrides) {
     if (text.starts_with("frame_") && !takes)
       throw Error(ExitCode::usage, fmt::format("--set {}: has no effect without {}", text, option));
-    if (text.starts_with("frame_auto_gain=") && !chip.has_auto_exposure())
+    if (text.starts_with("frame_auto_gain=") && !(chip.frame_auto_mean > 0))
       throw Error(ExitCode::usage, fmt::format("--set {}: has no effect without frame_auto_mean", text));
   }
+  if (chip.frame_auto_libcaer > 0 && chip.frame_auto_mean > 0)
+    throw bad_usage("frame_auto_mean", fmt::format("{}", chip.frame_auto_mean), "0 with frame_auto_libcaer");
 }
 
 Json chip_to_json(const Chip& chip) {

@@ -15,6 +15,7 @@ namespace {
 constexpr double kElectron_c = 1.602176634e-19;
 constexpr double kElectronsPerFaUs = 1e-21 / kElectron_c;
 constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000;  // davis_ros_driver
+constexpr double kLeastLibcaer_us = 1;
 
 // Mean of the values' middle half, as a share of the ADC's range.
 double middle_mean(const events::Frame& frame) {
@@ -24,6 +25,32 @@ double middle_mean(const events::Frame& frame) {
   std::ranges::nth_element(values, first);
   std::ranges::nth_element(first, end, values.end());
   return std::accumulate(first, end, 0.0) / (std::exp2(frame.bits) - 1) / static_cast<double>(middle);
+}
+
+// libcaer (autoexposure.c): by the share of dark values, or of bright ones, where only one of them is a third or more;
+// otherwise by the mean of five classes of values, weighted by the values, which is to be 2.5.
+double libcaer_change_us(const events::Frame& frame) {
+  constexpr double kMany = 0.33, kMost_us = 14'000, kExponent = 1.65, kFine_us = 100, kGoodEnough = 0.1;
+  double low = 0, high = 0, sum = 0, classes = 0;
+  for (const std::uint16_t value : frame.values) {
+    const double share = value / std::exp2(frame.bits);
+    low += std::floor(256 * share) < 25;
+    high += std::floor(256 * share) >= 230;
+    sum += value;
+    classes += value * (1 + std::floor(5 * share));
+  }
+  const double above_low = low / static_cast<double>(frame.values.size()) - kMany,
+               above_high = high / static_cast<double>(frame.values.size()) - kMany;
+  double sign = 0, change_us = 0;
+  if ((above_low < 0) != (above_high < 0)) {
+    sign = above_high < 0 ? 1 : -1;
+    change_us = kMost_us * std::pow(std::max(above_low, above_high), kExponent);
+  } else if (const double missing = 2.5 - classes / std::max(sum, 1.0); std::abs(missing) > kGoodEnough) {
+    const double near = std::min(std::abs(above_low), std::abs(above_high));  // smaller steps do not oscillate
+    sign = missing > 0 ? 1 : -1;
+    change_us = std::floor(kFine_us * missing * missing) / (near < 0.05 ? 10 : near < 0.1 ? 5 : 1);
+  }
+  return sign * std::max(1.0, std::floor(change_us));
 }
 
 }  // namespace
@@ -41,7 +68,9 @@ ChipFrames::ChipFrames(const Chip& chip, int width, int height, double unit_fa, 
       row_us_(chip.frame_row_s * 1e6),
       rolled_us_(row_us_ * (height - 1)),
       exposures_us_{chip.frame_exposure_s * 1e6},
-      most_us_(std::min(kMostAuto_us, period_us_ - chip.frame_dead_s * 1e6)) {}
+      most_us_(period_us_ - chip.frame_dead_s * 1e6) {
+  if (chip.frame_auto_mean > 0) most_us_ = std::min(most_us_, kMostAuto_us);
+}
 
 void ChipFrames::add(std::span<const float* const> planes, std::span<const double> t_us, Region rows) {
   const std::size_t first = static_cast<std::size_t>(rows.begin) * width_,
@@ -85,7 +114,11 @@ void ChipFrames::expose(const float* from, const float* to, double from_us, doub
 void ChipFrames::complete(std::int64_t frame) {
   events::Frame out = developed(frame, light_.at(frame));
   light_.erase(frame);
-  if (chip_.has_auto_exposure()) metered_.push_back({end_us(frame), middle_mean(out)});
+  if (chip_.frame_auto_libcaer > 0)
+    metered_.push_back({end_us(frame), exposure_us(frame), 1, libcaer_change_us(out)});
+  else if (chip_.has_auto_exposure())
+    metered_.push_back(
+        {end_us(frame), exposure_us(frame), 1 + chip_.frame_auto_gain * (chip_.frame_auto_mean - middle_mean(out)), 0});
   if (!is_output(frame)) return;
   ++frames_;
   for (const std::uint16_t dn : out.values) {
@@ -101,8 +134,10 @@ double ChipFrames::exposure_us(std::int64_t frame) {
   while (std::ssize(exposures_us_) <= frame) {
     double next_us = exposures_us_.back();
     for (; !metered_.empty() && metered_.front().end_us <= begin_us(std::ssize(exposures_us_)); metered_.pop_front()) {
-      const double change = chip_.frame_auto_gain * (chip_.frame_auto_mean - metered_.front().mean);
-      next_us = std::clamp(std::round(next_us * (1 + change)), kLeastAuto_us, most_us_);
+      const auto& [of_end_us, of_us, factor, add_us] = metered_.front();
+      if (chip_.frame_auto_libcaer > 0 && of_us != next_us) continue;  // libcaer waits for its last change
+      const double least_us = chip_.frame_auto_libcaer > 0 ? kLeastLibcaer_us : kLeastAuto_us;
+      next_us = std::clamp(std::round(next_us * factor + add_us), least_us, most_us_);
     }
     exposures_us_.push_back(next_us);
   }
@@ -162,7 +197,8 @@ std::vector<std::string> ChipFrames::warnings() const {
   if (!frames_) return {"--frames: no exposure lies within the output"};
   const auto share = counts["saturated_share"].get<double>();
   if (share <= kMostSaturated) return {};
-  const std::string remedy = chip_.has_auto_exposure()
+  const std::string remedy = chip_.frame_auto_libcaer > 0 ? "libcaer's exposure allows a third"
+                             : chip_.has_auto_exposure()
                                  ? fmt::format("--set frame_auto_mean={} exposes less", chip_.frame_auto_mean / 2)
                                  : fmt::format("--set frame_exposure_s={} is shorter", chip_.frame_exposure_s / 4);
   return {fmt::format("--frames: {:.0f} % of the values are saturated; {}", 100 * share, remedy)};

@@ -2,7 +2,8 @@
 // Frames that the chip takes of its pixels' own photocurrent (docs/reference/sensor.md#frames-of-a-davis).
 // The exposure of frame k begins k periods after the first light; row y is exposed y * frame_row_s later. Light between
 // two planes is linear in time, so planes that follow the motion blur an edge as the exposure does. An automatic
-// exposure is that of davis_ros_driver (github.com/uzh-rpg/rpg_dvs_ros): each frame changes the one after it.
+// exposure is that of davis_ros_driver (github.com/uzh-rpg/rpg_dvs_ros) or of libcaer (github.com/inivation/libcaer):
+// each frame changes the one after it.
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -38,7 +39,7 @@ class ChipFrames {
 
  private:
   struct Metered {
-    double end_us, mean;
+    double end_us, exposure_us, factor, add_us;  // what it does to the next exposure
   };
   void expose(const float* from, const float* to, double from_us, double to_us);
   void complete(std::int64_t frame);

@@ -98,6 +98,37 @@ def test_the_distance_of_planes_changes_nothing():
     assert min(counts) > 10_000 and max(counts) < 1.02 * min(counts), counts
 
 
+def libcaer(exposure_us, values, bits):
+    """The next exposure, by libcaer's law, of a frame that has the last one set."""
+    share = values.ravel() / 2.0**bits
+    low, high = (np.mean(of) - 0.33 for of in (share < 25 / 256, share >= 230 / 256))
+    missing = 2.5 - np.average(1 + np.floor(5 * share), weights=share)
+    near = min(abs(low), abs(high))
+    if (low >= 0) != (high >= 0):
+        change = int(14_000 * max(low, high) ** 1.65) * (1 if low >= 0 else -1)
+        change = change or (1 if low >= 0 else -1)
+    else:
+        change = int(int(100 * missing**2) / (10 if near < 0.05 else 5 if near < 0.1 else 1))
+        change = max(change, 1) * np.sign(missing) if abs(missing) > 0.1 else 0
+    return np.clip(exposure_us + change, 1, PERIOD_US - 6000)
+
+
+@pytest.mark.parametrize("row_s", [0, 0.002], ids=["global", "rolling"])
+def test_the_law_of_libcaer(row_s):
+    """Up and down by at most 7.2 ms, slowly near the aim; a frame counts that has the last exposure set."""
+    overrides = {"frame_auto_libcaer": 1, "frame_exposure_s": 0.0003, "frame_row_s": row_s}
+    _, frames = simulate(np.arange(0, END_US + 1, 2000), overrides=overrides)
+    exposure_us, wanted = frames.end_us - frames.begin_us, [300]
+    late = 2 if row_s else 1  # the exposure that a frame changes, after its own
+    for k in range(1, len(exposure_us)):
+        of, last = k - late, wanted[-1]
+        counts = of >= 0 and wanted[of] == last
+        wanted.append(libcaer(last, frames.values[of], frames.bits) if counts else last)
+    assert np.array_equal(exposure_us, wanted)
+    changes_us = np.diff(exposure_us)
+    assert changes_us.max() > 1000 and changes_us.min() < -400 and (np.abs(changes_us) < 100).sum() > 10
+
+
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory):
     """Light of `stepped`, with another unit."""
@@ -176,6 +207,12 @@ def test_rolling_rows_that_end_after_the_next_begin():
         (["frame_auto_mean=0.5"], False, "--set frame_auto_mean=0.5: has no effect without --frames"),
         (["frame_exposure_s=0.005"], False, "--set frame_exposure_s=0.005: has no effect without --frames"),
         (["frame_auto_gain=1"], True, "--set frame_auto_gain=1: has no effect without frame_auto_mean"),
+        (
+            ["frame_auto_libcaer=1", "frame_auto_mean=0.5"],
+            True,
+            "frame_auto_mean: got 0.5, wanted 0 with frame_auto_lib",
+        ),
+        (["frame_auto_libcaer=1", "frame_auto_gain=1"], True, "frame_auto_gain=1: has no effect without frame_auto_m"),
         (["frame_auto_mean=1"], True, "frame_auto_mean: got 1, wanted a number in [0, 0.95]"),
     ],
 )

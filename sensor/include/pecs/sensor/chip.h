@@ -91,12 +91,13 @@ struct Chip {
   double frame_offset_dn = 0, frame_offset_mismatch_dn = 0;  // of no light; standard deviation over the pixels
   double frame_read_noise_e = 0, frame_dark_hz = 0;          // electrons; electrons/s in addition to dark_current_a
   double frame_adc_bits = 0;
-  double frame_auto_mean = 0, frame_auto_gain = 0;    // of the automatic exposure (chip_frames.cpp); mean 0: none
+  // The automatic exposure (chip_frames.cpp): davis_ros_driver's, if the mean is above 0, or libcaer's, if that is 1.
+  double frame_auto_mean = 0, frame_auto_gain = 0, frame_auto_libcaer = 0;
   double frame_step = 0, frame_step_spread = 0;       // of y [ln units]: median; std of its logarithm
   double frame_step_slow = 0, frame_step_slow_s = 1;  // of what the comparators see; its time constant
   bool takes_frames = false;                          // on request: the pixels feel the exposures
   bool has_frames() const { return frame_period_s > 0; }
-  bool has_auto_exposure() const { return takes_frames && frame_auto_mean > 0; }
+  bool has_auto_exposure() const { return takes_frames && (frame_auto_mean > 0 || frame_auto_libcaer > 0); }
 
   std::map<std::string, Range> ranges;         // of the profile's values, by their keys
   std::map<std::string, std::string> sources;  // likewise
