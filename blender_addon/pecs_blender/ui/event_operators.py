@@ -98,6 +98,17 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
     return Next(command, lambda: BackgroundJob(label, command, events, done, **how))
 
 
+def _in_file_names(cameras: list[bpy.types.Object]) -> list[tuple[bpy.types.Object, str]]:
+    """Each with a part of a file's name that no other has, whatever the system makes of capital letters."""
+    taken: list[str] = []
+    for camera in sorted(cameras, key=lambda one: one.name):
+        clean = bpy.path.clean_name(camera.name)
+        while clean.lower() in map(str.lower, taken):
+            clean += "_"
+        taken.append(clean)
+    return list(zip(sorted(cameras, key=lambda one: one.name), taken, strict=True))
+
+
 class PECS_OT_run_cameras(_Runs, bpy.types.Operator):
     """Render and simulate all cameras of the scene, one after the other. Their names are in those of the files"""
 
@@ -111,11 +122,10 @@ class PECS_OT_run_cameras(_Runs, bpy.types.Operator):
         try:
             for marker, _ in markers:  # it would switch the camera
                 marker.camera = None
-            for one in (thing for thing in scene.objects if thing.type == "CAMERA"):
+            for one, name in _in_file_names([thing for thing in scene.objects if thing.type == "CAMERA"]):
                 scene.camera = one
                 stack, events = (
-                    path.with_stem(f"{path.stem}_{bpy.path.clean_name(one.name)}")
-                    for path in (paths.stack(scene), paths.events(scene))
+                    path.with_stem(f"{path.stem}_{name}") for path in (paths.stack(scene), paths.events(scene))
                 )
                 runs.append(_run_of(scene, stack, events, self.bl_label, is_shown=one == chosen))
         finally:

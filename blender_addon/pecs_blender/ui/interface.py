@@ -74,7 +74,7 @@ AUTO = {
     "min_nm": ("Auto", 400.0),
     "max_nm": ("Auto", 700.0),
     "threads": ("Auto", 1),
-    "noise_events": ("Any", 0.1),
+    "noise_events": ("No Limit", 0.1),
     "window_ms": ("Auto", 1.0),
     "slow_motion": ("Auto", 100.0),
     "compare_ms": ("All", 100.0),

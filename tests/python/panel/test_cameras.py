@@ -16,6 +16,7 @@ folder = Path(sys.argv[1])
 scene = scene_file(folder)
 assert "Run All Cameras" not in drawn(kinds=bpy.types.Panel)
 first = scene.camera
+first.name = "Side 2"
 second = first.copy()
 second.data = first.data.copy()
 second.name = "Side/2"
@@ -37,10 +38,10 @@ message, is_error = ended()
 assert not is_error and "32x18" in message, message
 assert not any(copy.exists() for copy in made)
 found = sorted(path.name for path in (folder / "scene_events").glob("*.raw"))
-assert found == ["scene_Side_2.raw", "scene_camera.raw"], found
+assert found == ["scene_Side_2.raw", "scene_Side_2_.raw"], found  # whose names differ by what no file name has
 one, two = (pecs.events.read(folder / "scene_events" / name) for name in found)
 assert len(one) and len(two) and len(one) != len(two)
-assert event_view.state.view.path.name == "scene_camera.raw"  # that of the scene's camera
+assert event_view.state.view.path.name == "scene_Side_2.raw"  # that of the scene's camera
 
 # Stopped, the ones that follow do not start, and their copies are removed.
 bpy.ops.pecs.run_cameras()
