@@ -125,6 +125,7 @@ def configure(scene: bpy.types.Scene, width: int, height: int, sampling: Samplin
     scene.render.use_motion_blur = False
     scene.render.use_compositing = scene.render.use_sequencer = False
     scene.render.use_border = scene.render.use_multiview = scene.render.use_freestyle = False
+    scene.render.use_stamp = False  # EEVEE's picture is written by Blender, with text in it
     scene.render.use_crop_to_border = True  # else Blender makes a picture of the whole frame for each part
     scene.render.film_transparent = False
     scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0

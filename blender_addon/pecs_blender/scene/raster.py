@@ -29,6 +29,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "use_bokeh_jittered": True,  # depth of field by samples, as a path tracer's
     "use_overscan": False,
 }
+FACTORS = ("diffuse_factor", "specular_factor", "transmission_factor", "volume_factor")  # of lamps, for EEVEE alone
 CAMERAS = "PERSP", "ORTHO"  # it draws others as PERSP
 FILTER_PX = 1.0  # radius of its Blackman-Harris filter, as sharp as the box of a pixel
 NEAREST = 1e-6  # of the camera's farthest distance: the depth buffer has 24 bits
@@ -62,6 +63,12 @@ class Film:
 
     def __init__(self, scene: bpy.types.Scene, samples: int, scratch: Path):
         self._scene, self._samples, self._file = scene, samples, scratch / "raster.exr"
+        for material in bpy.data.materials:
+            material.use_backface_culling = material.use_backface_culling_shadow = False
+        for light in bpy.data.lights:
+            light.use_custom_distance = False
+            for name in FACTORS:
+                setattr(light, name, 1.0)
 
     def parts(self, boxes_px: list, *_names: str) -> Iterator[dict[str, np.ndarray]]:
         """As cycles.Film.parts, but "Combined" is the only pass: parts of one picture."""
