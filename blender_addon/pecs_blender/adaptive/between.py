@@ -89,9 +89,10 @@ class Between:
     """The pictures between two keyframes.
 
     Both keyframes, warped along the motion to the interval's middle, must agree there (in photocurrent, by blocks of
-    pixels, beyond noise). They must also agree with strips rendered in the middle: when a lamp flickers, both keyframes
-    may agree and be wrong. Where they disagree, the middle is rendered; where that picture differs from the sensor's
-    prediction, each half is treated in the same way, down to the grid's instants (docs/reference/motion.md).
+    pixels, beyond noise). They must also agree with one sample of each pixel in the middle: when a lamp flickers, or
+    something comes out of hiding and hides again, both keyframes may agree and be wrong. Where they disagree, the
+    middle is rendered; where that picture differs from the sensor's prediction, each half is treated in the same way,
+    down to the grid's instants (docs/reference/motion.md).
     """
 
     def __init__(
@@ -106,25 +107,24 @@ class Between:
 
     def refine(self) -> None:
         it = self._interval
-        middle = (it.start + it.end) // 2
-        self._halve(it.start, it.end, self._disagreeing(middle) | self._differing_from_strips(middle))
+        self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True)
 
     def keyframe(self, step: int, fast: np.ndarray) -> Picture:
         """The picture at a step, in which these tiles, and those where motion does not explain the light, are rendered.
         Lamps have constant strength."""
         it, expected = self._interval, self._prediction(step)
-        wrong = fast | self._disagreeing(step) | self._differing_from_strips(step)
-        self._stage.set_time(self._grid_s[step])
+        glance = self._glance(step)
+        wrong = fast | self._disagreeing(step) | self._differing_from(glance, step)
         self._frame = self._warped_frame(step)
         light = expected.light((0, 0, *self._stage.size)).copy()
         rendered = self._render_wrong(expected, wrong, light)
         if not self._is_denoised:
-            return Picture(self._frame, light, None)
+            return Picture(self._frame, light, None, glance)
         self._merge_denoised(expected, rendered, light)
         raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
         for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
             raw[at(box)] = part
-        return Picture(self._frame, raw, light)
+        return Picture(self._frame, raw, light, glance)
 
     def _warped_frame(self, step: int) -> np.ndarray:
         """The frame as the keyframes give it. What is rendered in it receives diffraction from this light around it."""
@@ -134,11 +134,17 @@ class Between:
         self._light.set_halves(out, np.where(np.isfinite(warped), warped, halves[0]))
         return out
 
-    def _halve(self, low: int, high: int, wrong: np.ndarray) -> None:
-        """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn."""
+    def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool) -> None:
+        """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.
+        looks: whether a sample of each pixel finds more such tiles; also in the halves, if it does."""
         middle = (low + high) // 2
+        if middle == low:
+            return
+        if looks:
+            seen = self._differing_from(self._glance(middle), middle)
+            looks, wrong = bool((seen & ~grown(wrong)).any()), wrong | seen
         bends = self._lamps_bend(low, high)
-        if middle == low or not (wrong.any() or bends):
+        if not (wrong.any() or bends):
             return
         self._stage.set_time(self._grid_s[middle])
         expected, size = self._prediction(middle), self._stage.size
@@ -152,8 +158,8 @@ class Between:
         step = middle - self._interval.start
         self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
         self._residual[middle] = _log_ratio(rendered.current, expected.warped)
-        self._halve(low, middle, rendered.wrong)
-        self._halve(middle, high, rendered.wrong)
+        self._halve(low, middle, rendered.wrong, looks)
+        self._halve(middle, high, rendered.wrong, looks)
 
     def _render_wrong(self, expected: Prediction, wrong: np.ndarray, light: np.ndarray) -> Rendered:
         """Renders the wrong tiles, growing until the new picture agrees with the prediction at its border; into `light`
@@ -222,11 +228,11 @@ class Between:
         start_s, end_s = self._grid_s[self._interval.start], self._grid_s[self._interval.end]
         return (self._grid_s[step] - start_s) / (end_s - start_s)
 
-    def _photocurrents(self, step: int, bands: slice = slice(None)) -> list[np.ndarray]:
-        """Those of both keyframes, at a step's strengths of lamps."""
+    def _photocurrents(self, step: int, of: str = "raw") -> list[np.ndarray]:
+        """Those of both keyframes, at a step's strengths of lamps. of: which light of Picture."""
         factors = self._stage.lamps.factors(self._grid_s[step])
         keyframes = self._interval.first, self._interval.second
-        return [self._judge.photocurrent(one.raw, bands, factors) for one in keyframes]
+        return [self._judge.photocurrent(getattr(one, of), factors) for one in keyframes]
 
     def _disagreeing(self, step: int) -> np.ndarray:
         """Tiles in which the keyframes, warped to a step, differ."""
@@ -236,15 +242,15 @@ class Between:
         a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
         return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
 
-    def _differing_from_strips(self, step: int) -> np.ndarray:
-        """Tiles in which rendered strips of a step differ from the keyframes."""
-        it = self._interval
-
-        def warped(bands: slice) -> np.ndarray:
-            return pecs.CarriedLight(it.carrier, *self._photocurrents(step, bands)).at(self._fraction(step))
-
+    def _glance(self, step: int) -> np.ndarray:
         self._stage.set_time(self._grid_s[step])
-        return self._judge.strips_differing(self._stage, self._light, it.index, warped)
+        return self._light.glance()
+
+    def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
+        """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""
+        carried = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
+        expected = carried.at(self._fraction(step)) * self._change(step)
+        return self._judge.glances_differ(expected, self._judge.photocurrent(glance, self._stage.factors))
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""

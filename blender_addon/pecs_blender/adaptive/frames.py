@@ -174,7 +174,7 @@ class Adaptive:
         times_s = self._times_s
         for i in near:
             if i not in self._own:
-                self._own[i] = self._changes.render(i, times_s[i], times_s[self._anchors[i]])
+                self._own[i] = self._changes.render(times_s[i], times_s[self._anchors[i]])
         if len(near) == 1:
             return self._own[number]
         hits = {i: self._hits.at(times_s[i]) for i in near}
@@ -182,4 +182,4 @@ class Adaptive:
         neighbours = [(self._own[i].light, hits[i]) for i in near if i != number]
         shared = average_samples(own.light, hits[number], neighbours, self._hits.surfaces, self._judge, factors)
         bands = len(own.raw)
-        return Picture(own.frame, shared[:bands], None if own.clean is None else shared[bands:])
+        return Picture(own.frame, shared[:bands], None if own.clean is None else shared[bands:], own.glance)

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,18 +16,13 @@ from ..camera.tiles import (
     differing_blocks,
     differing_tiles,
     of_blocks,
-    probe_strips,
     tiles_of,
 )
-
-if TYPE_CHECKING:  # they import bpy
-    from ..camera.light import Light
-    from ..camera.stage import Stage
 
 SAME_LIGHT = 0.02  # relative difference of light within which samples are averaged
 SUSPECT_SIGMAS = 3.0  # low: leaving out a good sample costs little
 MOST_NOISE = 0.99  # difference of the halves' photocurrents over their sum
-LEFT_TO_STRIPS = 0.5  # of the tolerance; changes that interpolation follows so well are not rendered
+LEFT_TO_GLANCES = 0.5  # of the tolerance; changes that interpolation follows so well are not rendered
 AROUND_PX = 21  # side of the squares in which a difference is compared with noise, in rendered pixels
 
 
@@ -52,13 +45,11 @@ class Judge:
         total = parts[0] + np.tensordot(factors.astype(np.float32), parts[1:], 1)
         return np.concatenate([total, light[apart * bands :]])
 
-    def photocurrent(
-        self, light: np.ndarray, bands: slice = slice(None), factors: np.ndarray | tuple = ()
-    ) -> np.ndarray:
-        """[height, width] of some bands of light [bands, height, width], or of light as in `lit` with its factors;
-        further channels are ignored."""
-        lit = self.lit(light, factors)[: len(self.weights)][bands]
-        return np.einsum("k,kyx->yx", self.weights[bands].astype(np.float32), lit)
+    def photocurrent(self, light: np.ndarray, factors: np.ndarray | tuple = ()) -> np.ndarray:
+        """[height, width] of light [bands, height, width], or of light as in `lit` with its factors; further channels
+        are ignored."""
+        lit = self.lit(light, factors)[: len(self.weights)]
+        return np.einsum("k,kyx->yx", self.weights.astype(np.float32), lit)
 
     def with_noise(self, clean: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """The light as Light.clean returns it, as [bands, height, width] of the mean of the halves, and in a further
@@ -87,19 +78,13 @@ class Judge:
         lowered[:-1] *= np.exp((wide_share - 1) * wide)
         return np.where(known, lifted + fine_share * (lowered - lifted), rendered).astype(np.float32)
 
-    def strips_differing(
-        self, stage: Stage, light: Light, index: int, expected: Callable[[slice], np.ndarray]
-    ) -> np.ndarray:
-        """Tiles in which strips of the current instant, rendered in the brightest pass, differ from the photocurrent
-        that `expected` gives for the pass's bands. index: selects the strips' rows."""
-        brightest = int(np.argmax([self.weights[one.bands].sum() for one in stage.passes]))
-        bands = stage.passes[brightest].bands
-        rendered = light.strips(probe_strips(*stage.size, index), brightest)
-        return self.differing(expected(bands), self.photocurrent(rendered, bands, stage.factors))
-
     def differing(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents differ; NaN pixels are ignored."""
         return of_blocks(self.differing_blocks(a, b))
+
+    def glances_differ(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """As `differing`, for pictures of one sample in each pixel."""
+        return of_blocks(differing_blocks(a, b, self.tolerance, self.subpixels, few_samples=True))
 
     def differing_blocks(self, a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None) -> np.ndarray:
         """Blocks [rows, columns] in which two photocurrents differ. halves: half the difference of the halves of
@@ -128,7 +113,7 @@ class Judge:
             change = np.log(b / a)
         (change,) = _around_known(np.isfinite(change), change)
         error = path_px / 8 * _slope(change)
-        return np.where(error <= LEFT_TO_STRIPS * self.tolerance, a * np.exp(change), a).astype(np.float32)
+        return np.where(error <= LEFT_TO_GLANCES * self.tolerance, a * np.exp(change), a).astype(np.float32)
 
     def same_light(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Tiles [rows, columns] in which two photocurrents are samples of the same light, within their noise."""

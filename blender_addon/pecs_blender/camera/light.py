@@ -88,10 +88,6 @@ class Light(Layer):
         else:
             self.bands_of(frame)[:] = light
 
-    def first_half(self, frame: np.ndarray) -> np.ndarray:
-        """The light of a frame from the samples that `strips` renders."""
-        return self.bands_of(frame) + self.halves_of(frame) if self._denoiser else self.bands_of(frame)
-
     def filter_boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take: the denoiser's, which
         takes ten times as long as diffraction, if there is one."""
@@ -131,21 +127,24 @@ class Light(Layer):
             frame[at(box)] = patch
         self._light_up(frame)  # also across the borders of boxes
 
-    def strips(self, boxes_px: list[Box], which: int) -> np.ndarray:
-        """[bands, height, width] of one pass of the current instant in these boxes, before diffraction; NaN elsewhere.
-        If light is denoised, from the first half of the samples: enough to find what changed."""
-        frame = np.full(self._to_film.shape, np.nan, np.float32)
-        (patches,) = self._rendered(range(which, which + 1), boxes_px)
-        for box, patch in zip(boxes_px, patches, strict=True):
-            frame[at(box)] = patch
+    def glance(self) -> np.ndarray:
+        """[bands, height, width] of the current instant, before diffraction, from the first sample of each pixel, which
+        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass."""
+        brightest = int(np.argmax([self._stage.weights[one.bands].sum() for one in self._stage.passes]))
+        ((frame,),) = self._rendered(range(brightest, brightest + 1), [(0, 0, *self._stage.size)], samples=1)
         self._light_up(frame)
-        return frame
+        return np.nan_to_num(frame, copy=False)
 
     def _rendered(
-        self, passes: range, boxes_px: list[Box], firsts: tuple[int, ...] = (0,), guides: tuple[str, ...] = ()
+        self,
+        passes: range,
+        boxes_px: list[Box],
+        firsts: tuple[int, ...] = (0,),
+        guides: tuple[str, ...] = (),
+        samples: int | None = None,
     ) -> list[list[np.ndarray]]:
         """[bands + guides, height, width] of each box, for each of the first samples: from it and the following ones,
-        half of all if light is denoised. Guides are means over the passes."""
+        by default half of all if light is denoised. Guides are means over the passes."""
         scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
         shapes = [(channels, bottom - top, right - left) for left, top, right, bottom in boxes_px]
         rendered = [[np.full(shape, np.nan, np.float32) for shape in shapes] for _ in firsts]
@@ -155,7 +154,7 @@ class Light(Layer):
                 scene.camera = camera
             self._stage.spectral.set_pass(one.channels)
             for first, patches in zip(firsts, rendered, strict=True):
-                with cycles.sample_subset(scene, first, self._call_samples):
+                with cycles.sample_subset(scene, first, samples or self._call_samples):
                     pictures = self._film.parts(boxes_px, "Combined", *self._stage.lamps.names, *guides)
                     for box, patch, picture in zip(boxes_px, patches, pictures, strict=True):
                         self._keep(box, patch, one, picture, guides, count)

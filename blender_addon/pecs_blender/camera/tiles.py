@@ -15,7 +15,6 @@ SIGMAS = 4.0
 OF_HALVES = 2.0  # a difference counts beyond this times half the difference of the halves
 LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
 CALL_PX = 20000  # as slow as another call of numpy's functions
-STRIP_PX, EVERY_PX = 4, 48  # height and spacing of probe strips
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
@@ -61,11 +60,13 @@ def differing_blocks(
     subpixels: float,
     sigmas: float = SIGMAS,
     halves: np.ndarray | None = None,
+    few_samples: bool = False,
 ) -> np.ndarray:
     """Blocks whose light differs by more than `tolerance` times itself plus a shift of its edges by EDGE_PX, and by
     more than `sigmas` times the scatter within blocks. a, b: [height, width] with `subpixels` per sensor pixel in x and
     y; NaN pixels are ignored. halves: half the difference of the halves of b's samples, from which the noise of blocks
-    and their neighbours also follows; a bright path in one of them does not count."""
+    and their neighbours also follows; a bright path in one of them does not count. few_samples: a block may have more
+    noise than its neighbours, such as a bright path."""
     d = b - a
     mean = (np.where(np.isnan(a), b, a) + np.where(np.isnan(b), a, b)) / 2
     down, right = np.gradient(np.nan_to_num(mean))
@@ -79,7 +80,8 @@ def differing_blocks(
     limit = np.where(known, _blocks(allowed), 0).sum(-1)
     different = (n >= BLOCK_PX) & (np.abs(total) > limit)
     usual = LIKE_NEIGHBOURS * _of_neighbours(np.where(n >= BLOCK_PX, scatter, np.nan), different, np.nanmedian)
-    different[different] = np.abs(total[different]) > sigmas * np.minimum(scatter[different], usual)
+    noise = scatter[different] if few_samples else np.minimum(scatter[different], usual)
+    different[different] = np.abs(total[different]) > sigmas * noise
     if halves is not None:
         noise = np.abs(np.where(known, _blocks(halves), 0).sum(-1))
         usual = _of_neighbours(np.where(n >= BLOCK_PX, noise**2, np.nan), different, np.nanmean) ** 0.5
@@ -135,12 +137,6 @@ def grown(tiles: np.ndarray) -> np.ndarray:
     more = np.pad(tiles, 1)
     more = more[:-2] | more[1:-1] | more[2:]
     return more[:, :-2] | more[:, 1:-1] | more[:, 2:]
-
-
-def probe_strips(width: int, height: int, index: int) -> list[Box]:
-    """Strips across the picture, which meet every object of some size; their rows depend on index."""
-    first = (EVERY_PX // 2 + STRIP_PX * (index % 4)) % max(1, height - STRIP_PX + 1)
-    return [(0, y, width, y + STRIP_PX) for y in range(first, height - STRIP_PX + 1, EVERY_PX)]
 
 
 def boxes(tiles: np.ndarray, width: int, height: int, call_px: float, around_px: float = 0) -> list[Box]:

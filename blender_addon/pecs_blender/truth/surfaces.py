@@ -22,7 +22,6 @@ import numpy as np
 from ..camera.sight import Sight, Viewpoint, transformed
 from ..camera.stage import Stage
 from ..scene import cycles
-from ..spectral.spectral_scene import is_animated
 from .identity import INSTANCE, NORMAL, POLYGON, Identity, name_id
 from .mesh_points import Geometries, Geometry, carried
 
@@ -33,8 +32,8 @@ Value = TypeVar("Value")
 @dataclass(frozen=True)
 class Poses:
     """All instances at one instant. ids: [n] float32, increasing, Cycles' Random; world_from_local: [n, 4, 4];
-    geometry: [n] index into geometries; notes: [n] results of Surfaces.note; painted: [n] whether its
-    materials are animated; lamps: properties of those that are on, by name."""
+    geometry: [n] index into geometries; notes: [n] results of Surfaces.note; lamps: properties of those that are
+    on, by name."""
 
     view: Viewpoint
     ids: np.ndarray
@@ -42,7 +41,6 @@ class Poses:
     geometry: np.ndarray
     geometries: list[Geometry]
     notes: list[Any]
-    painted: np.ndarray
     lamps: dict[str, list[Any]]
 
     def find(self, ids: np.ndarray) -> np.ndarray:
@@ -79,7 +77,6 @@ class Surfaces:
 
     def __init__(self, stage: Stage, scale: float = 1.0, name: str = "surfaces"):
         self.size = tuple(max(cycles.LEAST_PX, round(n * scale)) for n in stage.size)
-        self._animated: dict[str, bool] = {}
         override = stage.source.scene.view_layers[0].material_override
         self._stage, self._identity, self._geometries = stage, Identity(override), Geometries()
         self.sight, self._film = Sight(stage, name, self.size), cycles.Film(stage.source.scene)
@@ -137,9 +134,9 @@ class Surfaces:
         return out.reshape(3, *seen.instance.shape)
 
     def moved(self, seen: SurfaceHits, poses: Poses) -> np.ndarray:
-        """[h, w]: whether the seen instance or sky stands otherwise before the camera at the poses' instant, has
-        animated materials, or is unknown; everything if a lamp differs."""
-        still = _Moves(seen.poses, poses).still & ~seen.poses.painted & (seen.poses.lamps == poses.lamps)
+        """[h, w]: whether the seen instance or sky stands otherwise before the camera at the poses' instant, or is
+        unknown; everything if a lamp differs."""
+        still = _Moves(seen.poses, poses).still & (seen.poses.lamps == poses.lamps)
         return ~np.append(still, [False, self._sky_stays(seen.poses.view, poses.view)])[seen.instance]  # UNKNOWN, SKY
 
     def outside(self, poses: Poses, ids: np.ndarray) -> np.ndarray:
@@ -178,7 +175,7 @@ class Surfaces:
         return np.where(np.isnan(turned[0]), 0, turned)
 
     def _poses(self, depsgraph: bpy.types.Depsgraph, mark: Callable = lambda thing: None) -> Poses:
-        ids, matrices, geometry, notes, painted, geometries, numbers = [], [], [], [], [], [], {}
+        ids, matrices, geometry, notes, geometries, numbers = [], [], [], [], [], {}
         for instance in renders(depsgraph):
             thing = instance.object
             data = thing.data
@@ -191,30 +188,12 @@ class Surfaces:
             matrices.append([v for row in instance.matrix_world for v in row])
             geometry.append(numbers[key])
             notes.append(self.note and self.note(instance, geometries[numbers[key]]))
-            painted.append(any(self._is_animated(slot.material) for slot in thing.material_slots))
         random = np.array(ids, np.uint32).astype(np.float32) * np.float32(2.0**-32)
         order = np.argsort(random, kind="stable")
         world = np.array(matrices, float).reshape(-1, 4, 4)
         geometry, notes = np.array(geometry, int)[order], [notes[i] for i in order]
-        painted, view = np.array(painted, bool)[order], self.sight.view(depsgraph)
-        return Poses(view, random[order], world[order], geometry, geometries, notes, painted, _lamps(depsgraph))
-
-    def _is_animated(self, material: bpy.types.Material | None) -> bool:
-        if not material:
-            return False
-        name = material.name_full
-        if name not in self._animated:
-            own = material.original
-            self._animated[name] = any(_changes(block) for block in (own, own.node_tree) if block)
-        return self._animated[name]
-
-
-def _changes(block: bpy.types.ID) -> bool:
-    """Whether it is animated, or a node tree with groups that are or with a movie."""
-    nodes = getattr(block, "nodes", ())
-    images, groups = ([part for node in nodes if (part := getattr(node, key, None))] for key in ("image", "node_tree"))
-    moving = any(image.source in ("MOVIE", "SEQUENCE") for image in images)
-    return is_animated(block) or moving or any(map(_changes, groups))
+        view = self.sight.view(depsgraph)
+        return Poses(view, random[order], world[order], geometry, geometries, notes, _lamps(depsgraph))
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> dict[str, list[Any]]:

@@ -374,6 +374,59 @@ def test_what_is_in_the_picture_between_keyframes_alone(tmp_path):
     assert wrong.mean() < 2e-3 and wrong.mean((1, 2)).max() < 0.03
 
 
+SMALL_THINGS = """
+import sys
+from pecs_lab.blend import box, floor, lamp, material, move, save, start
+
+scene = start((96, 64), (0, -4, 0), 90)
+scene.render.fps, scene.frame_start, scene.frame_end = 1000, 0, 40
+glow, _, _ = material("glow", ("ShaderNodeEmission", {"Strength": 0.3}))
+floor(glow, 8, (0, 2, 0), (90, 0, 0))
+own, tree, _ = material("own", ("ShaderNodeEmission", {}))
+info = tree.nodes.new("ShaderNodeObjectInfo")
+tree.links.new(info.outputs["Color"], tree.nodes["Emission"].inputs["Color"])
+clear, tree, out = material("clear", ("ShaderNodeEmission", {"Strength": 3}))
+mix, hole = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
+for source, target in ((hole.outputs[0], mix.inputs[2]), (tree.nodes["Emission"].outputs[0], mix.inputs[1])):
+    tree.links.new(source, target)
+tree.links.new(mix.outputs[0], out.inputs["Surface"])
+mix.inputs[0].default_value = 0.6
+smoke, _, _ = material("smoke", ("ShaderNodeVolumePrincipled", {"Density": 0, "Emission Strength": 20}), end="Volume")
+paper, _, _ = material("paper", ("ShaderNodeBsdfDiffuse", {}))
+black, _, _ = material("black", ("ShaderNodeEmission", {"Strength": 0.05}))
+plate = dict(rotation_deg=(90, 0, 0))
+move(floor(own, 0.1, (-1, 0, 0.78), **plate), "color", ((1, 1, 1, 1), (0.1, 0.1, 0.1, 1)), (0, 40))
+for moving, side in ((floor(clear, 0.1, (0, 0, 0.12), **plate), 1), (box(smoke, (0, 0, -0.6), 0.1), -1)):
+    at = moving.location.copy()
+    move(moving, "location", [(side * x, *at.yz) for x in (-1, 1)], (0, 40))
+floor(glow, 0.1, (0.8, 0.4, 0.78), **plate)  # seen between two plates in the middle
+for side in (-1, 1):
+    cover = floor(black, 1, (0, 0.2, 0), **plate)
+    cover.scale.y = 0.3
+    move(cover, "location", [(0.75 + x + side * 0.6, 0.2, 0.75) for x in (-0.3, 0.3)], (0, 40))
+floor(paper, 0.1, (1, 0, -0.6), **plate)
+lamp("POINT", (1, 1, 1), 10, (1, -2, -0.6))
+move(floor(black, 0.3, (1, -1.9, -0.9), **plate), "location", [(1, -1.9, z) for z in (-1.1, 0)], (0, 40))
+save(sys.argv[1], "small")
+"""
+
+
+def test_small_things_that_change(tmp_path):
+    """A colour of an object, what is half clear and flies, and smoke; what two plates hide at both keyframes; a shadow
+    of something outside the picture."""
+    in_bpy(SMALL_THINGS, tmp_path)
+    ways = {"few": ("--time", "adaptive", "--no-denoise"), "all": ("--fps", 100, "--frames", 5, "--subpixels", 2)}
+    for name, words in ways.items():
+        every = *COMMON, "--frames", 41, "--samples", 8, "--bands", 1, *words
+        pecs_blender("render", tmp_path / "small.blend", "-o", tmp_path / name, *every)
+    truth = pecs.Chip("ideal").photocurrent(tmp_path / "all")
+    with pecs.Light(tmp_path / "few", "ideal") as light:
+        found = np.array([light.at(10_000.0 * step)[0] for step in range(len(truth))])
+    dark = 0.01 * truth.max()
+    wrong = np.abs(np.log((found + dark) / (truth + dark))) > 0.6
+    assert wrong.sum((1, 2)).max() < 4  # pixels; a thing has nine
+
+
 FOCUS = """
 import sys
 from pecs_lab.blend import floor, material, move, save, start

@@ -99,14 +99,6 @@ def test_edges_may_lie_a_little_elsewhere(shift_px, differs):
     assert differing(step, moved, 0.05, 1).any() == differs
 
 
-def test_strips_lie_in_the_picture():
-    for height in (4, 9, 54, 720):
-        for index in range(5):
-            for left, top, right, bottom in tiles.probe_strips(64, height, index):
-                assert (left, right) == (0, 64) and 0 <= top < bottom <= height
-    assert tiles.probe_strips(64, 54, 0) and tiles.probe_strips(64, 54, 0) != tiles.probe_strips(64, 54, 1)
-
-
 def test_a_box_has_the_pixels_of_the_whole_picture():
     """Also for sizes whose quotients round down."""
     pytest.importorskip("bpy")
