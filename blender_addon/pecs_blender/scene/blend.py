@@ -15,7 +15,7 @@ from pecs._platform import link_folder
 from ..spectral.spectra import Spectrum
 from ..spectral.spectral_scene import curves
 from . import content, cycles
-from .outside_files import missing_files, unreadable_pictures
+from .outside_files import missing_files, things, unreadable_pictures
 from .source import Source
 
 MOST_NAMES = 5  # in a note
@@ -69,6 +69,7 @@ class BlendScene(Source):
             "content_sha256": content.digest(self.scene),
             "illuminant": illuminant.name,
         }
+        _simulate(path, self.scene)
         self._illuminant, self.own_camera = illuminant, self.scene.camera
         self._cuts = _cuts(self.scene)
         fstop = self.camera_at(0.0).data.dof.aperture_fstop  # content.digest has moved the scene there
@@ -149,6 +150,23 @@ def _show_in_viewports() -> None:
         for driver in animation.drivers if animation else ():
             driver.mute |= driver.data_path == "hide_viewport"
         one.hide_viewport = False
+
+
+def _simulate(path: Path, scene: bpy.types.Scene) -> None:
+    """Bakes physics, and plays simulation nodes, in memory: Blender computes them frame by frame from the first one on,
+    and neither adaptive steps nor shards go through the frames so."""
+    caches = [one for one in things(scene) if isinstance(one, bpy.types.PointCache) and not one.is_baked]
+    for cache in (one for one in caches if one.use_disk_cache):
+        got = "physics with a disk cache that is not baked"
+        raise bad_input(path, repr(cache.id_data.name), got, "baked physics, or no disk cache")
+    with cycles.quiet(), bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        if caches:
+            bpy.ops.ptcache.bake_all(bake=True)
+    nodes = (node.bl_idname for group in bpy.data.node_groups for node in group.nodes)
+    if "GeometryNodeSimulationInput" in nodes:
+        for frame in range(scene.frame_start, scene.frame_end + 2):
+            scene.frame_set(frame)
+    scene.frame_set(scene.frame_start)
 
 
 def _hold_settings(scene: bpy.types.Scene) -> None:

@@ -25,7 +25,7 @@ def files(thing: bpy.types.bpy_struct, scene: bpy.types.Scene) -> list[Path]:
 
 def missing_files(scene: bpy.types.Scene) -> Iterator[str]:
     """Lines on files that do not exist, with their owner."""
-    for thing in _things(scene):
+    for thing in things(scene):
         for file in files(thing, scene):
             if not file.exists():
                 owner = thing.id_data or thing
@@ -45,7 +45,7 @@ def unreadable_pictures() -> Iterator[str]:
                 yield f"image {image.name!r}: {path}: got no picture that Blender can read, wanted one"
 
 
-def _things(scene: bpy.types.Scene) -> Iterator[bpy.types.bpy_struct]:
+def things(scene: bpy.types.Scene) -> Iterator[bpy.types.bpy_struct]:
     """Data-blocks, nodes and modifiers that read files."""
     yield from bpy.data.libraries
     blocks = chain(bpy.data.images, bpy.data.volumes, bpy.data.cache_files, bpy.data.fonts)

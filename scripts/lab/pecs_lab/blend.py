@@ -110,18 +110,23 @@ def move(thing, path, values, frames=(1, 2)):
     bpy.context.scene.frame_set(frames[0])
 
 
-def instance_on_points(holder, what):
-    """Geometry nodes that put an object on each of the holder's points."""
-    group = bpy.data.node_groups.new("instances", "GeometryNodeTree")
+def geometry_nodes(holder):
+    """A group of geometry nodes on an object, its input and its output."""
+    group = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    enter, leave = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    holder.modifiers.new("nodes", "NODES").node_group = group
+    return group, group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+
+
+def instance_on_points(holder, what):
+    """Geometry nodes that put an object on each of the holder's points."""
+    group, enter, leave = geometry_nodes(holder)
     on_points, info = group.nodes.new("GeometryNodeInstanceOnPoints"), group.nodes.new("GeometryNodeObjectInfo")
     info.inputs["Object"].default_value = what
     group.links.new(enter.outputs[0], on_points.inputs["Points"])
     group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
     group.links.new(on_points.outputs["Instances"], leave.inputs[0])
-    holder.modifiers.new("instances", "NODES").node_group = group
 
 
 def save(folder, name):

@@ -165,6 +165,13 @@ def late():
     bpy.context.scene.frame_end = bpy.context.scene.frame_start = 100_000
 
 
+def disk_cache():
+    """Cloth that is not baked, with a cache on the disk."""
+    cache = floor().modifiers.new("cloth", "CLOTH").point_cache
+    blend.save(sys.argv[1], "disk_cache")  # only a saved file may have one
+    cache.use_disk_cache = True
+
+
 def missing_texture():
     m, tree, _ = material("image", ("ShaderNodeBsdfDiffuse", {}))
     node = tree.nodes.new("ShaderNodeTexImage")
@@ -358,7 +365,7 @@ def centimetres():
 FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, slots, strips, world, linked]
 LIBRARY = Path()
 
-OTHERS = [temperatures, spectra, python_driver, late, missing_texture, no_camera, measured, centimetres]
+OTHERS = [temperatures, spectra, python_driver, late, disk_cache, missing_texture, no_camera, measured, centimetres]
 
 
 def main(folder, *names):

@@ -5,7 +5,7 @@ import math
 
 import bpy
 from pecs_lab import blend
-from pecs_lab.blend import instance_on_points, material, move, put
+from pecs_lab.blend import geometry_nodes, instance_on_points, material, move, put
 
 SIZE = 64, 36
 
@@ -170,7 +170,7 @@ def clay():
 
 
 def falling():
-    """A rigid body, baked."""
+    """A rigid body, and nearer a thing that simulation nodes move; neither is baked."""
     scene = start()
     scene.render.fps = 24
     body = put(grid("body", 0.5), (0, 4, 0.5))
@@ -180,7 +180,16 @@ def falling():
         bpy.ops.rigidbody.object_add(type=kind)
         thing.rigid_body.collision_shape = "BOX"
     put(grid("child", 0.3), (0.6, 0, 0)).parent = body
-    bpy.ops.ptcache.bake_all(bake=True)
+    group, enter, leave = geometry_nodes(put(grid("played", 0.2), (-0.8, 2, -0.4)))
+    begin, moved, end = (
+        group.nodes.new(f"GeometryNode{k}") for k in ("SimulationInput", "SetPosition", "SimulationOutput")
+    )
+    begin.pair_with_output(end)
+    moved.inputs["Offset"].default_value = 0.02, 0, 0
+    group.links.new(enter.outputs[0], begin.inputs[0])
+    group.links.new(begin.outputs[1], moved.inputs[0])
+    group.links.new(moved.outputs[0], end.inputs[1])
+    group.links.new(end.outputs[0], leave.inputs[0])
     scene.frame_set(1)
 
 
