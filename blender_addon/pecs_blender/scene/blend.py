@@ -170,7 +170,10 @@ def _simulate(path: Path, scene: bpy.types.Scene) -> None:
 
 
 def _hold_settings(scene: bpy.types.Scene) -> None:
-    """Animation of what PECS sets; in many files a driver gives each frame another seed."""
+    """Animation of what PECS sets (in many files a driver gives each frame another seed), and caches that Cycles reads
+    itself, once for all frames."""
+    for cache in bpy.data.cache_files:
+        cache.use_render_procedural = False
     for curve in curves(scene):
         curve.mute |= curve.data_path.startswith(("cycles.", "eevee.", "render.", "view_layers["))
 

@@ -274,3 +274,37 @@ def test_settings_of_blenders_own_renders(tmp_path):
         assert not (tmp_path / "l/stack.json").exists()
     shown, hidden = (json.loads(pecs_blender("cameras", tmp_path / f"{n}.blend").stdout) for n in ("plain", "settings"))
     assert shown["cameras"]["camera"]["zooms"] and hidden["cameras"] == shown["cameras"]
+
+
+ALEMBIC = """
+import sys
+import bpy
+from pecs_lab.blend import ball, lamp, material, move, save, start
+scene, file = start((16, 12)), sys.argv[1] + "/ball.abc"
+lamp()
+shaped = ball()
+shaped.shape_key_add(name="rest")
+key = shaped.shape_key_add(name="wide")
+for point in key.data:
+    point.co.x *= 2
+move(key, "value", (0, 1))
+bpy.ops.wm.alembic_export(filepath=file, start=1, end=3, as_background_job=False)
+bpy.data.objects.remove(shaped)
+bpy.ops.wm.alembic_import(filepath=file, as_background_job=False)
+bpy.data.cache_files[0].use_render_procedural, scene.cycles.feature_set = True, "EXPERIMENTAL"
+save(sys.argv[1], "cached")
+"""
+
+
+def test_a_cache_that_cycles_would_read_itself(tmp_path):
+    """It would show the first frame's shape in all frames."""
+    import pecs
+
+    in_bpy(ALEMBIC, tmp_path)
+    words = (*SMALL, "--frames", 2, "--fps", 24, "--layers", "motion")
+    pecs_blender("render", tmp_path / "cached.blend", "-o", tmp_path / "s", *words)
+    with pecs.StackReader(tmp_path / "s") as reader:
+        first, second = reader.read_frame(0)[0] > 0, reader.read_frame(1)[0] > 0
+        motion = reader.read_layer("motion", 0)[6]
+    assert second.sum() > 1.3 * first.sum() > 20
+    assert (np.abs(motion[first]) > 0.1).mean() > 0.7
