@@ -51,7 +51,7 @@ def load_davis(of: Davis) -> DavisEvents:
     """Raises PecsInputError for a recording without frames, or with frames of another size than the events."""
     path = existing(Path(of.file), "a recording")
     if is_bag(path):
-        events, (pictures, begin_us) = read_bag(path), read_images(path)
+        events, (pictures, begin_us) = read_bag(path, late="sort"), read_images(path)
         end_us = begin_us
     elif path.is_dir():
         events, pictures, begin_us, end_us = _folder(path)
@@ -65,7 +65,7 @@ def load_davis(of: Davis) -> DavisEvents:
     if frames.shape[:0:-1] != size and (events.width or (np.array(size) > frames.shape[:0:-1]).any()):
         got = f"frames of {frames.shape[2]}x{frames.shape[1]} pixels and events of {size[0]}x{size[1]}"
         raise PecsInputError(f"{path}: got {got}, wanted frames and events of the same pixels")
-    if (np.diff(begin_us) <= 0).any() or (end_us < begin_us).any():
+    if not ((np.diff(begin_us) > 0).all() and (end_us >= begin_us).all() and np.isfinite(end_us).all()):
         raise PecsInputError(f"{path}: got frames whose times do not rise, wanted rising ones")
     first_us, last_us = events["t"].min(), events["t"].max()
     if end_us[-1] < first_us or begin_us[0] > last_us:
