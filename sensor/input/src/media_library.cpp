@@ -1,6 +1,7 @@
 extern "C" {
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
+#include <libavutil/pixdesc.h>
 }
 
 #include <cstdlib>
@@ -11,6 +12,7 @@ extern "C" {
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <opencv2/videoio.hpp>
+#include <string_view>
 
 #include "pecs/input/media.h"
 
@@ -59,6 +61,10 @@ VideoIndex index_video(const std::string& path) {
   if (index == file->nb_streams) return out;
   const AVStream& stream = *file->streams[index];
   out.transfer = stream.codecpar->color_trc;
+  out.matrix = stream.codecpar->color_space;
+  if (const AVPixFmtDescriptor* kind = av_pix_fmt_desc_get(static_cast<AVPixelFormat>(stream.codecpar->format)))
+    out.misread_range = stream.codecpar->color_range == AVCOL_RANGE_JPEG && kind->nb_components >= 3 &&
+                        !(kind->flags & AV_PIX_FMT_FLAG_RGB) && !std::string_view(kind->name).starts_with("yuvj");
   const AVCodec* codec = avcodec_find_decoder(stream.codecpar->codec_id);
   const std::unique_ptr<AVCodecContext, Freed<avcodec_free_context>> decoder(avcodec_alloc_context3(codec));
   avcodec_parameters_to_context(decoder.get(), stream.codecpar);

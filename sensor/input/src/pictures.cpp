@@ -38,6 +38,21 @@ void check_transfer(int transfer, const std::string& name) {
     throw bad_input(name, "transfer curve", other->second, "BT.709 or sRGB: convert it, or state --colorspace");
 }
 
+// From B'G'R' to Y'PbPr (ITU-R BT.601, BT.709 and BT.2020, by their weights of R and B).
+cv::Matx33d luma_and_differences(double red, double blue) {
+  const double green = 1 - red - blue, pb = 0.5 / (1 - blue), pr = 0.5 / (1 - red);
+  return {blue, green, red, 0.5, -pb * green, -pb * red, -pr * blue, -pr * green, 0.5};
+}
+
+// OpenCV decodes all video by the matrix of BT.601. Mends B'G'R' of video of another one; empty: none.
+std::optional<cv::Matx33d> mend_of_matrix(int matrix) {
+  const cv::Matx33d decoded = luma_and_differences(0.299, 0.114);
+  if (matrix == 1) return luma_and_differences(0.2126, 0.0722).inv() * decoded;  // numbers of ITU-T H.273
+  if (matrix == 7) return luma_and_differences(0.212, 0.087).inv() * decoded;
+  if (matrix == 9) return luma_and_differences(0.2627, 0.0593).inv() * decoded;
+  return {};
+}
+
 namespace fs = std::filesystem;
 
 constexpr double kRounding_ms = 1;  // containers' time bases are as coarse as this
@@ -235,10 +250,14 @@ class Video final : public Pictures {
   Video(const fs::path& path, const PictureOptions& options) : Pictures(path, options) {
     open();
     cv::Mat first;
+    const VideoIndex index = media().index_video(path.string());
+    mend_ = mend_of_matrix(index.matrix);
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
-    const VideoIndex index = media().index_video(path.string());
+    if (index.misread_range)
+      throw bad_input(path.string(), "range", "full range, which OpenCV reads as limited range",
+                      "limited range (ffmpeg -i IN -vf scale=out_range=tv OUT)");
     if (is_srgb_by_default_) check_transfer(index.transfer, path.string());
     set_times(options.times, index.times_ms);
     open();
@@ -272,7 +291,11 @@ class Video final : public Pictures {
     next_ = 0;
     early_.clear();
   }
-  bool read(cv::Mat& picture) const { return video_.read && video_.read(picture); }
+  bool read(cv::Mat& picture) const {
+    if (!video_.read || !video_.read(picture)) return false;
+    if (mend_ && picture.channels() == 3) cv::transform(picture, picture, cv::Mat(*mend_));
+    return true;
+  }
 
   cv::Mat frame(std::int64_t index) const override {
     const std::scoped_lock lock(mutex_);
@@ -292,6 +315,7 @@ class Video final : public Pictures {
 
   mutable std::mutex mutex_;
   mutable VideoFrames video_;
+  std::optional<cv::Matx33d> mend_;
   bool variable_ = false;
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;

@@ -72,9 +72,9 @@ def with_durations(path, durations):
     with_table(path, b"stts", lambda _: struct.pack(">II", 0, len(durations)) + runs)
 
 
-def with_transfer(path, curve):
-    """States a transfer curve of ITU-T H.273 (ISO 14496-12, colr)."""
-    colour = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, 9, 0)
+def with_colour(path, curve=1, matrix=9, full_range=False):
+    """States a transfer curve and a matrix of ITU-T H.273, and a range (ISO 14496-12, colr)."""
+    colour = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, matrix, full_range << 7)
 
     def change(table):
         (size,) = struct.unpack(">I", table[8:12])
@@ -83,12 +83,15 @@ def with_transfer(path, curve):
     with_table(path, b"stsd", change)
 
 
-def encode(path):
+GREY = [np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3) for frame in FRAMES]
+
+
+def encode(path, frames=GREY):
     video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), 100, (W, H))
     if not video.isOpened():
         pytest.skip("needs an MPEG-4 encoder")
-    for frame in FRAMES:
-        video.write(np.dstack([np.round(255 * np.sqrt(frame)).astype(np.uint8)] * 3))
+    for frame in frames:
+        video.write(frame)
     video.release()
 
 
@@ -97,10 +100,33 @@ def test_video_of_high_dynamic_range(tmp_path, pecs_program):
     for curve, name in ((1, None), (16, "PQ"), (18, "HLG")):
         path = tmp_path / f"{curve}.mp4"
         encode(path)
-        with_transfer(path, curve)
+        with_colour(path, curve)
         if name:
             refused(pecs_program, path, f"{curve}.mp4: transfer curve: got {name} (high dynamic range), wanted BT.709")
         simulated(pecs_program, path, tmp_path / "o.npz", "--no-flow", *(("--colorspace", "srgb") if name else ()))
+
+
+def luma_and_differences(red, blue):
+    """Y'PbPr of B'G'R' (ITU-R BT.601 and BT.709)."""
+    y = np.array([blue, 1 - red - blue, red])
+    return np.stack([y, (np.eye(3)[0] - y) / (2 - 2 * blue), (np.eye(3)[2] - y) / (2 - 2 * red)])
+
+
+def test_video_of_another_matrix_or_range(tmp_path, pecs_program):
+    """OpenCV decodes all video by BT.601, and YUV that is not named yuvj as limited range: green of BT.709 had 1.37
+    times its light, grey 32 of full range was 17."""
+    bt601, bt709 = luma_and_differences(0.299, 0.114), luma_and_differences(0.2126, 0.0722)
+    colour, light = np.array([32, 192, 32]), []
+    for name, shown in ("601", colour), ("709", np.linalg.inv(bt601) @ bt709 @ colour):
+        encode(tmp_path / f"{name}.mp4", [np.full((H, W, 3), np.round(shown).astype(np.uint8))] * 3)
+        if name == "709":
+            with_colour(tmp_path / "709.mp4", matrix=1)
+        simulated(pecs_program, tmp_path / f"{name}.mp4", tmp_path / "o.npz", "--no-flow")
+        record = json.loads((tmp_path / "o.npz.run.json").read_text())
+        light.append(record["results"]["photocurrent_a"]["median"])
+    assert light[1] == pytest.approx(light[0], rel=0.03)
+    with_colour(tmp_path / "601.mp4", full_range=True)
+    refused(pecs_program, tmp_path / "601.mp4", "601.mp4: range: got full range, which OpenCV reads as limited range")
 
 
 def test_variable_frame_rate(tmp_path, pecs_program):
