@@ -62,6 +62,7 @@ VideoIndex index_video(const std::string& path) {
   const AVStream& stream = *file->streams[index];
   out.transfer = stream.codecpar->color_trc;
   out.matrix = stream.codecpar->color_space;
+  out.interlaced = stream.codecpar->field_order > AV_FIELD_PROGRESSIVE;
   if (const AVPixFmtDescriptor* kind = av_pix_fmt_desc_get(static_cast<AVPixelFormat>(stream.codecpar->format)))
     out.misread_range = stream.codecpar->color_range == AVCOL_RANGE_JPEG && kind->nb_components >= 3 &&
                         !(kind->flags & AV_PIX_FMT_FLAG_RGB) && !std::string_view(kind->name).starts_with("yuvj");

@@ -252,6 +252,7 @@ class Video final : public Pictures {
     cv::Mat first;
     const VideoIndex index = media().index_video(path.string());
     mend_ = mend_of_matrix(index.matrix);
+    interlaced_ = index.interlaced;
     if (!read(first)) throw bad_input(path.string(), "", "no video that OpenCV can read", "a video");
     describe(first);
     check_pixel_aspect(video_.pixel_aspect, path.string());
@@ -261,6 +262,14 @@ class Video final : public Pictures {
     if (is_srgb_by_default_) check_transfer(index.transfer, path.string());
     set_times(options.times, index.times_ms);
     open();
+  }
+  sensor::SourceReport report() const override {
+    sensor::SourceReport out = Pictures::report();
+    if (interlaced_)
+      out.warnings.push_back(name() +
+                             ": interlaced, so that the rows of a frame are of two times, which causes events "
+                             "at edges that move; deinterlace it (ffmpeg -i IN -vf bwdif OUT)");
+    return out;
   }
   std::string layout() const override { return variable_ ? "video of variable frame rate" : "video"; }
 
@@ -316,6 +325,7 @@ class Video final : public Pictures {
   mutable std::mutex mutex_;
   mutable VideoFrames video_;
   std::optional<cv::Matx33d> mend_;
+  bool interlaced_ = false;
   bool variable_ = false;
   mutable std::int64_t next_ = 0;
   mutable std::map<std::int64_t, cv::Mat> early_;

@@ -74,11 +74,15 @@ def with_durations(path, durations):
 
 def with_colour(path, curve=1, matrix=9, full_range=False):
     """States a transfer curve and a matrix of ITU-T H.273, and a range (ISO 14496-12, colr)."""
-    colour = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, matrix, full_range << 7)
+    describe(path, struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", 9, curve, matrix, full_range << 7))
+
+
+def describe(path, box):
+    """Adds a box to the description of the samples (stsd)."""
 
     def change(table):
         (size,) = struct.unpack(">I", table[8:12])
-        return table[:8] + struct.pack(">I", size + len(colour)) + table[12 : 8 + size] + colour + table[8 + size :]
+        return table[:8] + struct.pack(">I", size + len(box)) + table[12 : 8 + size] + box + table[8 + size :]
 
     with_table(path, b"stsd", change)
 
@@ -127,6 +131,13 @@ def test_video_of_another_matrix_or_range(tmp_path, pecs_program):
     assert light[1] == pytest.approx(light[0], rel=0.03)
     with_colour(tmp_path / "601.mp4", full_range=True)
     refused(pecs_program, tmp_path / "601.mp4", "601.mp4: range: got full range, which OpenCV reads as limited range")
+
+
+def test_interlaced_video_is_a_warning(tmp_path, pecs_program):
+    encode(tmp_path / "v.mp4")
+    describe(tmp_path / "v.mp4", struct.pack(">I4sBB", 10, b"fiel", 2, 1))
+    done = pecs_program("sense", tmp_path / "v.mp4", "-o", tmp_path / "o.npz", *IDEAL, "--no-flow", check=True)
+    assert "v.mp4: interlaced, so that the rows of a frame are of two times" in done.stderr
 
 
 def test_variable_frame_rate(tmp_path, pecs_program):

@@ -21,7 +21,8 @@ struct VideoFrames {
 struct VideoIndex {
   std::vector<double> times_ms;  // of all frames that can be decoded, in the order of display; NaN: the file has none
   int transfer = 2, matrix = 2;  // transfer curve and matrix of ITU-T H.273; 2: not stated
-  bool misread_range = false;    // YUV of full range, of a kind that OpenCV reads as limited range
+  bool interlaced = false;
+  bool misread_range = false;  // YUV of full range, of a kind that OpenCV reads as limited range
 };
 
 struct Media {
