@@ -45,8 +45,14 @@ double aspect_of(double per_width, double per_height) {
 constexpr int kMostParts = 1000;  // chunks, segments or entries that precede the picture
 constexpr std::size_t kMostProfile = std::size_t{1} << 22;
 
+// Primaries and transfer curve by their numbers in ITU-T H.273. BT.601's primaries are nearly those of BT.709.
+void read_cicp(int primaries, int transfer, PictureHeader& out) {
+  out.transfer = transfer;
+  out.other_primaries = primaries != 1 && primaries != 2 && primaries != 5 && primaries != 6;
+}
+
 // Of an ICC profile (ISO 15076-1, ICC.1:2022): the exponent of its curve at half of the values, that of green or of
-// grey, and the transfer curve that its tag cicp names.
+// grey, its primaries, and what its tag cicp names.
 void read_icc(std::string_view icc, PictureHeader& out) {
   const auto number = [&](std::size_t at, std::size_t size) {
     std::uint32_t value = 0;
@@ -56,9 +62,20 @@ void read_icc(std::string_view icc, PictureHeader& out) {
   };
   const auto fixed = [&](std::size_t at) { return static_cast<std::int32_t>(number(at, 4)) / 65536.0; };
   const auto is = [&](std::size_t at, std::string_view name) { return at < icc.size() && icc.substr(at, 4) == name; };
+  struct Primary {
+    const char* name;
+    double x, y, z;  // by D50
+  };
+  static constexpr Primary kSrgb[] = {
+      {"rXYZ", 0.4361, 0.2225, 0.0139}, {"gXYZ", 0.3851, 0.7169, 0.0971}, {"bXYZ", 0.1431, 0.0606, 0.7141}};
+  constexpr double kSame = 0.03;
   for (std::size_t tag = 132; tag < 132 + 12 * std::min(100u, number(128, 4)); tag += 12) {
     const std::size_t at = number(tag + 4, 4), count = number(at + 8, 4);
-    if (is(at, "cicp")) out.transfer = static_cast<int>(number(at + 9, 1));
+    if (is(at, "cicp")) read_cicp(static_cast<int>(number(at + 8, 1)), static_cast<int>(number(at + 9, 1)), out);
+    for (const auto& [name, x, y, z] : kSrgb)
+      if (is(tag, name) && is(at, "XYZ "))
+        out.other_primaries |=
+            std::max({std::abs(fixed(at + 8) - x), std::abs(fixed(at + 12) - y), std::abs(fixed(at + 16) - z)}) > kSame;
     if (!is(tag, "gTRC") && !is(tag, "kTRC")) continue;
     double half = 0;  // the curve's value at one half
     if (is(at, "para")) {
@@ -101,7 +118,8 @@ PictureHeader of_png(Bytes& file) {
     out.pages |= type == "acTL";  // animated
     if (type == "gAMA" && out.gamma == 0) out.gamma = 1e5 / std::max(1u, file.number(at + 8, 4, true));
     if (type == "iCCP" && size < kMostProfile) read_icc(icc_of_png(file.text(at + 8, size)), out);
-    if (type == "cICP") out.transfer = static_cast<int>(file.number(at + 9, 1, true));
+    if (type == "cICP")
+      read_cicp(static_cast<int>(file.number(at + 8, 1, true)), static_cast<int>(file.number(at + 9, 1, true)), out);
     if (type == "pHYs") out.pixel_aspect = aspect_of(file.number(at + 8, 4, true), file.number(at + 12, 4, true));
     at += 12 + std::uint64_t{size};
   }

@@ -220,6 +220,8 @@ class Folder final : public Pictures {
     if (is_srgb_by_default_ && header.transfer == 2 && header.gamma > 0 && std::abs(header.gamma - usual) > kSame)
       reject("transfer curve", fmt::format("gamma {:.3g}", header.gamma),
              integer ? "2.2, or --colorspace (gamma:G, linear, srgb)" : "1, or --colorspace (gamma:G, linear, srgb)");
+    if (is_srgb_by_default_ && header.other_primaries && picture.channels() == 3)
+      reject("primaries", "others than sRGB's", "sRGB's (convert the pictures), or --colorspace");
     if (header.turned) reject("Exif", "an orientation", "WebP pictures that are turned themselves");
     if (const int depth = picture.depth(); depth != CV_8U && depth != CV_16U && depth != CV_32F && depth != CV_64F)
       reject("values", cv::depthToString(depth), "unsigned integers of 8 or 16 bits, or floating point");

@@ -343,10 +343,12 @@ def icc(kind):
         "1.8": b"curv" + struct.pack(">4xIH", 1, round(1.8 * 256)),
         "table": b"curv" + struct.pack(">4xI1024H", 1024, *np.linspace(0, 65535, 1024).astype(int)),
         "hlg": b"cicp" + bytes((0, 0, 0, 0, 9, 18, 0, 1)),
+        "p3": b"XYZ " + struct.pack(">4x3i", *(round(65536 * v) for v in (0.5151, 0.2412, -0.0011))),
+        "red": b"XYZ " + struct.pack(">4x3i", *(round(65536 * v) for v in (0.4361, 0.2225, 0.0139))),
         "srgb": b"para"
         + struct.pack(">4xH2x5i", 3, *(round(65536 * v) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))),
     }[kind] + np.random.default_rng(1).bytes(2000)  # libpng warns of streams that are very short
-    tag = b"cicp" if kind == "hlg" else b"gTRC"
+    tag = {"hlg": b"cicp", "p3": b"rXYZ", "red": b"rXYZ"}.get(kind, b"gTRC")
     head = (144 + len(curve), b"mntr", b"RGB ", b"XYZ ", b"acsp", 63190, 65536, 54061, 1, tag, 144, len(curve))
     return struct.pack(">I8x4s4s4s12x4s28x3i48xI4sII", *head) + curve
 
@@ -355,11 +357,13 @@ def icc(kind):
 def test_the_curve_of_a_profile(tmp_path, pecs_program, end):
     """Raw developers write linear pictures of integers, which were decoded as sRGB."""
     image = pytest.importorskip("PIL.Image")
-    for kind, got in {"linear": "gamma 1", "1.8": "gamma 1.8", "table": "gamma 1", "hlg": "HLG", "srgb": ""}.items():
+    refusals = {"linear": "gamma 1", "1.8": "gamma 1.8", "table": "gamma 1", "hlg": "HLG"}
+    refusals = {kind: f"transfer curve: got {got}" for kind, got in refusals.items()}
+    for kind, words in (refusals | {"p3": "primaries: got others", "red": "", "srgb": ""}).items():
         (tmp_path / kind).mkdir()
         picture = image.fromarray(np.repeat(np.round(255 * srgb_of(FRAMES[0])).astype(np.uint8)[..., None], 3, 2))
         picture.save(tmp_path / f"{kind}/0.{end}", icc_profile=icc(kind))
-        words = f"0.{end}: transfer curve: got {got}" if got else "frames: got 1, wanted"
+        words = f"0.{end}: {words}" if words else "frames: got 1, wanted"
         refused(pecs_program, tmp_path / kind, words, "--fps", 1000)
     if end == "tif":  # floating point is linear
         for kind, words in {
