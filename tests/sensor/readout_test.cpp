@@ -55,6 +55,25 @@ TEST(Readout, EventsOfAVectorAreSentAtOnce) {
   EXPECT_TRUE(std::ranges::equal(out.events, expected));
 }
 
+TEST(Readout, LinesInTurn) {
+  for (const bool columns : {false, true}) {
+    Chip chip = with(1e6, 10e-6);  // 10 us for a line with events, 1 us an event, 2 us for a line without
+    chip.readout_idle_s = 2e-6;
+    chip.readout_columns = columns;
+    Readout readout(chip, 4, 4, 1);
+    // Line 2 is visited at 100, after 50 lines, and free at 111; line 3 with both events, free at 123; line 0, free at
+    // 134; line 1 without events; line 2 again.
+    const std::vector<Event> fired = {{100, 3, 2, 1}, {101, 1, 0, 0}, {102, 1, 2, 0}, {103, 0, 3, 1}, {104, 2, 3, 1}};
+    std::vector<Event> in = fired,
+                       expected = {{100, 3, 2, 1}, {111, 0, 3, 1}, {111, 2, 3, 1}, {123, 1, 0, 0}, {136, 1, 2, 0}};
+    if (columns)
+      for (auto* events : {&in, &expected})
+        for (Event& e : *events) std::swap(e.x, e.y);
+    EXPECT_TRUE(std::ranges::equal(read(readout, in).events, expected)) << columns;
+    EXPECT_EQ(readout.dropped(), 0);
+  }
+}
+
 TEST(Readout, APixelThatWaitsHasNoSecondEvent) {
   Readout readout(with(1e6, 10e-6), 8, 4, 1);
   const auto out = read(readout, {{100, 0, 0, 1}, {101, 3, 2, 1}, {105, 3, 2, 1}, {106, 3, 2, 0}, {200, 3, 2, 1}});
@@ -110,7 +129,9 @@ TEST(Readout, ChunksChangeNothing) {
     for (std::size_t n = random() % 9; n > 0; --n)
       events.push_back({t, static_cast<std::uint16_t>(random() % 32), static_cast<std::uint16_t>(random() % 32), 0});
   std::ranges::sort(events, {}, [](const Event& e) { return std::tuple(e.t_us, e.y, e.x); });
-  for (const Chip& chip : {with(7e5, 2e-6, 3e-6), with(1e9, 3e-7), with(1e9, 1e-8, 2e-6)}) {
+  Chip in_turn = with(7e5, 2e-6);
+  in_turn.readout_idle_s = 7e-7;
+  for (const Chip& chip : {with(7e5, 2e-6, 3e-6), with(1e9, 3e-7), with(1e9, 1e-8, 2e-6), in_turn}) {
     Readout whole(chip, 32, 32, 3);
     const auto expected = read(whole, events);
     for (const std::size_t chunk : {1u, 13u}) {

@@ -47,6 +47,8 @@ constexpr std::array kValues = {
     Value{"readout_rate_hz", "Hz", 0, 1e12, &Chip::readout_rate_hz},
     Value{"readout_row_s", "s", 0, 1e-3, &Chip::readout_row_s},
     Value{"readout_vector_px", "px", 1, 8192, &Chip::readout_vector_px},
+    Value{"readout_idle_s", "s", 0, 1e-3, &Chip::readout_idle_s},
+    Value{"readout_columns", "bit", 0, 1, &Chip::readout_columns},
     Value{"timestamp_s", "s", 1e-6, 1e-2, &Chip::timestamp_s},
     Value{"clock_jitter_s", "s", 0, 1e-3, &Chip::clock_jitter_s},
     Value{"frame_period_s", "s", 1e-4, 100, &Chip::frame_period_s},

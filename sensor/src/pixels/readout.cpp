@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "pecs/sensor/random.h"
 
@@ -13,18 +14,21 @@ constexpr std::size_t kServed = 4096;  // served requests that may stay in the q
 }  // namespace
 
 bool is_ideal_readout(const Chip& chip) {
-  return chip.readout_rate_hz == 0 && chip.readout_row_s == 0 && chip.clock_jitter_s == 0 && chip.timestamp_s <= 1e-6;
+  return chip.readout_rate_hz == 0 && chip.readout_row_s == 0 && chip.readout_idle_s == 0 && chip.clock_jitter_s == 0 &&
+         chip.timestamp_s <= 1e-6;
 }
 
 Readout::Readout(const Chip& chip, int width, int height, std::uint64_t seed)
     : row_us_(chip.readout_row_s * 1e6),
       vector_us_(chip.readout_rate_hz > 0 ? 1e6 * chip.readout_vector_px / chip.readout_rate_hz : 0),
+      idle_us_(chip.readout_idle_s * 1e6),
       step_us_(chip.timestamp_s * 1e6),
       jitter_us_(chip.clock_jitter_s * 1e6),
       seed_(seed),
       width_(static_cast<std::size_t>(width)),
       vector_px_(static_cast<int>(chip.readout_vector_px)),
-      rows_(static_cast<std::size_t>(height)),
+      columns_(chip.readout_columns > 0),
+      lines_(static_cast<std::size_t>(columns_ ? width : height)),
       waits_(width_ * static_cast<std::size_t>(height)) {}
 
 void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
@@ -33,12 +37,14 @@ void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
     out.events.reserve(std::max(most, 2 * out.events.capacity()));
   for (std::size_t i = 0; i < in.events.size();) {
     const std::int64_t t_us = in.events[i].t_us;
+    if (in_turn()) visit(static_cast<double>(t_us), out);
     while (has_request() && starts_us(queue_[first_].t_us) < static_cast<double>(t_us)) serve(out);
-    if (!has_request()) i = serve_at_once(in, i, out);
+    if (!in_turn() && !columns_ && !has_request()) i = serve_at_once(in, i, out);
     for (; i < in.events.size() && in.events[i].t_us == t_us; ++i)
       wait(in.events[i], causes_ ? in.causes[i] : Cause::signal);
   }
   while (last && has_request()) serve(out);
+  if (last && in_turn()) visit(std::numeric_limits<double>::infinity(), out);
 }
 
 void Readout::wait(const events::Event& e, Cause cause) {
@@ -48,9 +54,13 @@ void Readout::wait(const events::Event& e, Cause cause) {
   } else {
     waits = true;
   }
-  auto& row = rows_[e.y];
-  if (row.empty()) queue_.push_back({e.y, static_cast<double>(e.t_us)});
-  row.push_back({e.x, e.p, cause});
+  const int number = line_of(e);
+  auto& line = lines_[static_cast<std::size_t>(number)];
+  if (line.empty() && in_turn())
+    waiting_.insert(number);
+  else if (line.empty())
+    queue_.push_back({number, static_cast<double>(e.t_us)});
+  line.push_back({e, cause});
 }
 
 std::size_t Readout::serve_at_once(const LabelledEvents& in, std::size_t first, LabelledEvents& out) {
@@ -84,15 +94,37 @@ void Readout::serve(LabelledEvents& out) {
     queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(first_));
     first_ = 0;
   }
-  auto& row = rows_[request.y];
-  if (row.size() > 1) std::ranges::sort(row, {}, &Waiting::x);
-  stamp(request.t_us);
-  for (const Waiting& w : row) {
-    send({0, w.x, request.y, w.p}, w.cause, out);
-    waits_[request.y * width_ + w.x] = false;
+  read(request.line, request.t_us, out);
+}
+
+void Readout::visit(double until_us, LabelledEvents& out) {
+  const auto lines = static_cast<int>(lines_.size());
+  while (!waiting_.empty()) {
+    const auto found = waiting_.lower_bound(next_);
+    const int line = found == waiting_.end() ? *waiting_.begin() : *found;
+    const double reached_us = free_us_ + idle_us_ * ((line - next_ + lines) % lines);
+    if (reached_us >= until_us) break;
+    waiting_.erase(line);
+    free_us_ = reached_us;
+    read(line, reached_us, out);
+    next_ = (line + 1) % lines;
   }
-  finish(request.t_us);
-  row.clear();
+  if (const double passed = std::floor((until_us - free_us_) / idle_us_); passed > 0 && std::isfinite(passed)) {
+    next_ = static_cast<int>(std::fmod(next_ + passed, lines));
+    free_us_ += passed * idle_us_;
+  }
+}
+
+void Readout::read(int number, double request_us, LabelledEvents& out) {
+  auto& line = lines_[static_cast<std::size_t>(number)];
+  if (line.size() > 1) std::ranges::sort(line, {}, [this](const Waiting& w) { return place_of(w.event); });
+  stamp(request_us);
+  for (const Waiting& w : line) {
+    send(w.event, w.cause, out);
+    waits_[w.event.y * width_ + w.event.x] = false;
+  }
+  finish(request_us);
+  line.clear();
 }
 
 void Readout::stamp(double request_us) {
@@ -105,7 +137,7 @@ void Readout::stamp(double request_us) {
 }
 
 void Readout::send(events::Event e, Cause cause, LabelledEvents& out) {
-  const int vector = e.x / vector_px_;
+  const int vector = place_of(e) / vector_px_;
   vectors_ += vector != vector_;
   vector_ = vector;
   e.t_us = last_us_;

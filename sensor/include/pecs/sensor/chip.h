@@ -80,7 +80,9 @@ struct Chip {
   std::shared_ptr<const PixelMap> pixel_map;           // thresholds, background and hot pixels where measured
   // Readout (readout.h).
   double readout_rate_hz = 0, readout_row_s = 0;  // events per second; time to select a row. 0: no limit
-  double readout_vector_px = 1;                   // pixels of a row whose events are sent at once
+  double readout_vector_px = 1;                   // pixels of a line whose events are sent at once
+  // Lines are columns (1) or rows; time of one without events where lines are served in turn. 0: as they wait.
+  double readout_columns = 0, readout_idle_s = 0;
   double timestamp_s = 1e-6, clock_jitter_s = 0;  // resolution; standard deviation of a row's stamp
 
   // Frames of the same pixels (sense/chip_frames.h); a period of 0: the chip takes none.
