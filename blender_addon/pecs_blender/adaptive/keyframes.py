@@ -12,7 +12,7 @@ ones, divide longer intervals of whole keyframes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -39,11 +39,13 @@ PLAN_SCALE = 0.25  # size of the pictures on which motion is measured, of the se
 @dataclass(frozen=True)
 class Keyframes:
     """grid: the finest instants; keys: indices of the keyframes; partial: positions in `keys` of those that are
-    rendered in a small part; the first is whole. With a period, the last interval ends at its end."""
+    rendered in a small part; the first is whole. With a period, the last interval ends at its end. paths_px: mean path
+    of the surface points in each interval, if the keyframes were chosen here."""
 
     grid: Timeline
     keys: list[int]
     partial: tuple[int, ...] = ()
+    paths_px: tuple[float, ...] = ()
 
     @classmethod
     def at(cls, grid: Timeline, times_ns: list[int], partial: list[int]) -> Keyframes:
@@ -75,29 +77,39 @@ class Keyframes:
         keys = self.keys[some[0] : some[-1] + 1]
         times_ns = self.grid.times_ns[keys[0] : keys[-1] + 1]
         partial = tuple(i - some[0] for i in self.partial if some[0] < i < some[-1])
-        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys], partial)
+        paths_px = self.paths_px[some[0] : some[-1]]
+        return Keyframes(Timeline(times_ns, None), [key - keys[0] for key in keys], partial, paths_px)
 
 
 def choose_keyframes(stage: Stage, instants: Instants, progress: Line) -> Keyframes:
     cameras = [stage.source.camera_at(t * 1e-9) for t in instants.grid.bounds_ns]
     cuts = [i for i in range(1, len(cameras)) if cameras[i] != cameras[i - 1]]
-    keys, partial = _choose(instants.grid, cuts, Paths(stage, instants.step_px), not stage.lamps.names, progress)
-    return Keyframes(instants.grid, keys, tuple(partial))
+    paths, grid = Paths(stage, instants.step_px), instants.grid
+    keys, partial = _choose(grid, cuts, paths, not stage.lamps.names, progress)
+    chosen = Keyframes(grid, keys, tuple(partial))
+    along_px = (
+        paths.mean_px[grid.bounds_ns[a] * 1e-9, grid.bounds_ns[b] * 1e-9]
+        for a, b in zip(keys, chosen.ends, strict=False)
+    )
+    return replace(chosen, paths_px=tuple(along_px))
 
 
 class Paths:
-    """Paths of surface points, with cached hits and poses of the last few instants."""
+    """Paths of surface points, with cached hits and poses of the last few instants. mean_px: of their lengths, between
+    the two instants of each call of `needs`."""
 
     def __init__(self, stage: Stage, step_px: float):
         self._surfaces = Surfaces(stage, PLAN_SCALE / stage.subpixels, name="plan_rays")
         self._set_time, self._limits = stage.set_time, (step_px, BEND_PX, TURN, TURN)
         self._seen: Recent[SurfaceHits] = Recent(3)
         self._poses: Recent[Poses] = Recent(2 * PARTS + 4)
+        self.mean_px: dict[tuple[float, float], float] = {}
 
     def needs(self, from_s: float, to_s: float) -> np.ndarray:
         """Intervals that paths between two instants require: of all surfaces, and of all but FAST of the picture. The
         longest paths, their largest deviation from the polynomial and what turns or stretches most decide."""
         ways = self._ways(from_s, to_s)
+        self.mean_px[from_s, to_s] = self._limits[0] * float(ways[0][0][0].mean()) if ways else 0.0
         if ways is None:
             return np.full(2, np.inf)
         comes_or_goes = self._comes_or_goes([self._poses.get(t, self._pose) for t in _instants(from_s, to_s)])

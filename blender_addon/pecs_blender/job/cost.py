@@ -15,6 +15,7 @@ from pecs.motion import CHANNELS
 
 from ..adaptive.frames import SHARED
 from ..truth import layer_class
+from ..truth.motion import STILL_PX
 from ..truth.surfaces import HitCache
 from . import noise
 from .resources import readable
@@ -91,7 +92,8 @@ def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int, dict[str, flo
 
 def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
     """Events of the light, and those by the chip's noise; the share that the renderer's noise moves, if the stack has
-    it; and the median speed of the picture: of a pilot's time, as if the whole render were like it.
+    it; and the median speed of the picture: of a pilot's time, as if the whole render differed from it in speed alone,
+    to which events of the light are proportional.
 
     A pixel's first event needs half a threshold more than the others, as its light starts at rest, whatever the
     threshold. With half the thresholds there are twice as many of the others, so that the difference counts these."""
@@ -103,14 +105,16 @@ def _seen(job: Render, pilot: Render, folder: Path) -> dict[str, float]:
         for options in ({"noise": False}, {}, {"noise": False, "overrides": half})
     )
     pilot_s, all_s = ((times[-1] - times[0]) * 1e-9 for times in (pilot.instants.bounds_ns, job.instants.bounds_ns))
+    pilot_px, all_px = (sum(one.keyframes.paths_px) for one in (pilot, job))
+    moves = all_px / pilot_px if pilot_px > STILL_PX else all_s / pilot_s
     ends = [CHANNELS.index(name) for name in ("x_end", "y_end")]
     with pecs.StackReader(folder) as stack:
         paths = [np.hypot(*stack.read_layer("motion", i)[ends]) for i in pilot.wanted[:-1]]
     path_px = sum(float(np.nanmedian(path)) for path in paths) / job.plan.view.subpixels
     return {
-        "events": max(0, finer["events"] - light["events"]) * all_s / pilot_s,
+        "events": max(0, finer["events"] - light["events"]) * moves,
         "own_events": max(0, all_["events"] - light["events"]) * all_s / pilot_s,
-        "px_per_s": path_px / pilot_s,
+        "px_per_s": path_px * moves / all_s,
         **({"render_noise": all_["render_noise"]["share"] or 0.0} if "render_noise" in all_ else {}),
     }
 

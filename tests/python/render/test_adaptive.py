@@ -13,7 +13,7 @@ import pecs
 import pytest
 from support import in_bpy, load_script, pecs_blender
 
-FRAMES = 17
+FRAMES, TURN_RAD = 17, 0.8
 COMMON = ("--bands", 3, "--fps", 1000, "--frames", FRAMES, "--samples", 4)
 
 
@@ -68,8 +68,17 @@ def test_the_plan_measures_an_interval(blends):
     args = ("-o", blends / "plan", *COMMON, "--time", "adaptive", "--plan")
     said = pecs_blender("render", blends / "room.blend", *args).stderr
     assert " % of them by the renderer's noise, median " in said
-    plain = pecs_blender("render", blends / "room.blend", *args, "--no-denoise", "--samples", 1).stderr
+    path = blends / "turns.txt"  # about z, slowest in the middle, which is measured
+    part = np.linspace(0, 1, FRAMES)
+    half_rad = 0.5 * TURN_RAD * (part + 0.8 / (2 * np.pi) * np.sin(2 * np.pi * part))
+    s, c, r = np.sin(half_rad), np.cos(half_rad), np.full(FRAMES, 0.5**0.5)
+    np.savetxt(path, np.stack([0.001 * np.arange(FRAMES), 0 * r, 0 * r, 1 + 0 * r, -c * r, -s * r, s * r, c * r], 1))
+    plain = pecs_blender(
+        "render", blends / "room.blend", *args, "--no-denoise", "--samples", 1, "--camera-path", path
+    ).stderr
     assert "events of " in plain and "renderer's noise" not in plain
+    px_per_s = float(re.search(r"median (\S+) px/s", plain)[1])
+    assert 1 < px_per_s / (96 * TURN_RAD / (0.001 * (FRAMES - 1))) < 1.25, plain  # more off the axis
     megabytes = float(re.search(r"about ([\d.]+) MB on the disk", said)[1])
     size = sum(path.stat().st_size for path in folder.glob("*.exr"))
     assert abs(megabytes * 1e6 / size - 1) < 0.4 and not (blends / "plan").exists()
