@@ -335,7 +335,7 @@ void SenseRun::warn_of_light(std::vector<std::string>& warnings) const {
     warnings.push_back(
         fmt::format("the photoreceptor's corner is {:.2g} Hz in the median pixel, which hardly follows in {:.3g} s: "
                     "more light gives more events ({})",
-                    corner_hz, length_s, is_relative ? "--photocurrent" : "of the scene, or --light-scale 100"));
+                    corner_hz, length_s, is_relative ? "--photocurrent" : "render with --light-scale 100"));
   if (!changes_) warnings.push_back("no pixel's light changes by a threshold: events, if any, are the chip's noise");
 }
 

@@ -264,7 +264,7 @@ def test_progress_for_a_calling_program(pecs_program, tmp_path, monkeypatch, cap
     for step in range(1, 1001):
         progress.at(step)
     small_stacks.write(tmp_path / "stack")
-    sense = pecs_program("sense", tmp_path / "stack", "-o", tmp_path / "events.raw", "--light-scale", "100").stderr
+    sense = pecs_program("sense", tmp_path / "stack", "-o", tmp_path / "events.raw", "--chip", "ideal").stderr
     for task, text in (("render", capsys.readouterr().err), ("sense", sense)):
         lines = [json.loads(line) for line in text.splitlines()]
         assert 1 <= len(lines) < 50 and lines[-1]["done"] == lines[-1]["total"] > 0, lines
