@@ -21,7 +21,7 @@ SETTINGS = {  # the same for every render, and recorded with it
     "use_raytracing": False,  # in the space of the screen: it depends on what is in view
     "use_shadows": True,
     "shadow_step_count": 16,
-    "light_threshold": 1e-4,  # by default a lamp's reach ends at .01
+    "light_threshold": 2e-9,  # of the brightest lamp's power: there the reach of lamps ends
     "clamp_surface_direct": 0.0,
     "clamp_surface_indirect": 0.0,
     "clamp_volume_direct": 0.0,
@@ -86,6 +86,7 @@ class Film:
             wanted = "PERSP or ORTHO, or --engine cycles"
             raise PecsError(f"{camera.name}: type: got {camera.type}, wanted {wanted}", ExitCode.UNSUPPORTED)
         near = {"clip_start": max(camera.clip_start, camera.clip_end * NEAREST)}
+        eevee["light_threshold"] *= _brightest_w()
         eevee["taa_render_samples"] = self._samples
         with changed([(self._scene.render, render), (self._scene.eevee, eevee), (camera, near)]), quiet(2):
             bpy.ops.render.render(scene=self._scene.name, write_still=True)
@@ -96,3 +97,10 @@ class Film:
         picture = values.reshape(image.size[1], image.size[0], -1)[::-1, :, :3].transpose(2, 0, 1)
         bpy.data.images.remove(image)
         return np.ascontiguousarray(picture)
+
+
+def _brightest_w() -> float:
+    """Power of the brightest lamp. Farther lamps than the threshold allows are missing; with a reach far beyond the
+    scene, shadows are."""
+    lamps = [light for light in bpy.data.lights if light.type != "SUN"]  # a sun has no reach
+    return max((light.energy * max(light.color) * 2**light.exposure for light in lamps), default=0.0)

@@ -18,10 +18,10 @@ grey, red = (material("paint", ("ShaderNodeBsdfDiffuse", {"Color": (*c, 1)}))[0]
 floor(grey)
 ball(red, (0, 0, 0.5), 0.5, segments=96)
 bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
-bpy.context.object.data.energy = 2
+bpy.context.object.data.energy = 2e4
 bpy.ops.object.light_add(type="POINT", location=(1.5, -1, 2))
 point = bpy.context.object.data
-point.energy = 60
+point.energy = 6e5  # so bright that the file's or a fixed reach has no shadows
 point.diffuse_factor, point.use_custom_distance, point.cutoff_distance = 0.3, True, 1.5
 for thing, paint in zip(bpy.data.meshes, (grey, red)):
     thing.flip_normals()
@@ -66,7 +66,7 @@ def test_keyframes_follow_a_lamp_that_dims(tmp_path):
     """EEVEE draws the light of all lamps in one picture."""
     dim = """
 lamp = bpy.data.objects["Point"].data
-for frame, watts in ((1, 60), (4, 6)):
+for frame, watts in ((1, 6e5), (4, 6e4)):
     lamp.energy = watts
     lamp.keyframe_insert("energy", frame=frame)
 bpy.ops.wm.save"""
