@@ -17,6 +17,7 @@ from . import disk
 from .preferences import own_folder
 
 _FOLDERS = {"lens": "lens_data/lenses", "chip": "sensor/chips"}
+FILES = {"lens": (".json", ".zmx", ".dat"), "chip": (".json",)}
 SCENES_CAMERA = "none"  # value of the lens setting for the scene's own camera
 
 
@@ -29,7 +30,8 @@ def names(kind: str) -> list[tuple[str, str]]:
     """Names and descriptions. kind: "lens" or "chip"."""
     own = own_folder(kind)
     folders = [_shipped(kind), *([own] if own else [])]
-    files = {path.stem: path for folder in folders for path in folder.glob("*.json")}
+    found = (path for folder in folders for path in folder.glob("*") if path.suffix in FILES[kind])
+    files = {path.stem if path.suffix == ".json" else path.name: path for path in found}
     return [(name, _description(path, path.stat().st_mtime_ns)) for name, path in sorted(files.items())]
 
 
@@ -93,7 +95,8 @@ def find(kind: str, name: str) -> str:
     if name.endswith(".json") or name.startswith("//"):
         return bpy.path.abspath(name)
     own = own_folder(kind)
-    return str(own / f"{name}.json") if own and disk.is_file(own / f"{name}.json") else name
+    files = [own / f"{name}.json", own / name] if own and name else []
+    return str(next((file for file in files if disk.is_file(file)), name))
 
 
 def chip(name: str) -> pecs.Chip:

@@ -34,7 +34,7 @@ class PecsPreferences(bpy.types.AddonPreferences):
     lens_folder: StringProperty(
         name="Own Lenses",
         subtype="DIR_PATH",
-        description="Folder with lens prescriptions (.json) for the lens menu",
+        description="Folder with lens prescriptions (.json, .zmx, .dat) for the lens menu",
     )
     chip_folder: StringProperty(
         name="Own Chips",

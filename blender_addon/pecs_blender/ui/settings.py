@@ -351,8 +351,8 @@ class PecsSettings(bpy.types.PropertyGroup):
         search=lenses,
         search_options={"SORT", "SUGGESTION"},
         update=_limit_aperture,
-        description="Lens by name, a prescription file (.json), or none for the scene's own camera. A lens takes the "
-        "position of the scene's camera",
+        description="Lens by name, a prescription file (.json, .zmx, .dat), or none for the scene's own camera. A lens "
+        "takes the position of the scene's camera",
     )
     layers: EnumProperty(
         name="Layers",

@@ -1,6 +1,6 @@
 """Biases, digital stages, published settings and fitted chips of the panel become the options of `pecs sense`."""
 
-from support import in_bpy
+from support import ROOT, in_bpy
 
 BODY = """
 import json, sys
@@ -50,7 +50,10 @@ assert any("ESIM for the training data of Stoffregen" in text for text in texts)
 own = Path(sys.argv[1])
 fitted = json.loads((pecs.data_dir("sensor/chips") / "davis346.json").read_text())
 (own / "my_camera.json").write_text(json.dumps(fitted | {"description": "My DAVIS, fitted"}))
-library.own_folder = lambda kind: own if kind == "chip" else None
+library.own_folder = lambda kind: own
+(own / "singlet.zmx").write_bytes((Path(sys.argv[2]) / "tests/lens/lenses/singlet.zmx").read_bytes())
+assert "singlet.zmx" in dict(library.names("lens"))
+assert 0 < library.lens_info("singlet.zmx", film_width_mm=4.0)["hfov_deg"] < 90
 texts = []
 menus.PECS_MT_chip.draw(SimpleNamespace(layout=Layout(texts)), bpy.context)
 assert "My DAVIS" in texts and texts[-1] == "Fit My Camera", texts
@@ -85,4 +88,4 @@ assert all(hasattr(sensor, key) for key in presets._SENSOR_KEYS)
 
 
 def test_the_panel_gives_options_of_the_program(tmp_path):
-    in_bpy(BODY, tmp_path)
+    in_bpy(BODY, tmp_path, ROOT)
