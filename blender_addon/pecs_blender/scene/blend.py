@@ -69,7 +69,7 @@ class BlendScene(Source):
             "content_sha256": content.digest(self.scene),
             "illuminant": illuminant.name,
         }
-        _simulate(path, self.scene)
+        _simulate(self.scene)
         self._illuminant, self.own_camera = illuminant, self.scene.camera
         self._cuts = _cuts(self.scene)
         fstop = self.camera_at(0.0).data.dof.aperture_fstop  # content.digest has moved the scene there
@@ -152,15 +152,18 @@ def _show_in_viewports() -> None:
         one.hide_viewport = False
 
 
-def _simulate(path: Path, scene: bpy.types.Scene) -> None:
+def _is_unbaked(thing: bpy.types.bpy_struct) -> bool:
+    """Whether it is a cache of physics, or a domain of fluids, that is not baked."""
+    if isinstance(thing, bpy.types.FluidModifier):
+        return bool(thing.domain_settings) and not thing.domain_settings.has_cache_baked_any
+    return isinstance(thing, bpy.types.PointCache) and not thing.is_baked
+
+
+def _simulate(scene: bpy.types.Scene) -> None:
     """Bakes physics, and plays simulation nodes, in memory: Blender computes them frame by frame from the first one on,
     and neither adaptive steps nor shards go through the frames so."""
-    caches = [one for one in things(scene) if isinstance(one, bpy.types.PointCache) and not one.is_baked]
-    for cache in (one for one in caches if one.use_disk_cache):
-        got = "physics with a disk cache that is not baked"
-        raise bad_input(path, repr(cache.id_data.name), got, "baked physics, or no disk cache")
     with cycles.quiet(), bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
-        if caches:
+        if any(_is_unbaked(one) for one in things(scene)):
             bpy.ops.ptcache.bake_all(bake=True)
     nodes = (node.bl_idname for group in bpy.data.node_groups for node in group.nodes)
     if "GeometryNodeSimulationInput" in nodes:
@@ -200,13 +203,18 @@ def save_copy(folder: Path) -> Path:
 
 
 def check(path: Path, scene: bpy.types.Scene, allow_scripts: bool) -> None:
-    """Raises PecsError for scripts that must not run and files that are missing. path: of the file that was read."""
+    """Raises PecsError for scripts that must not run, files that are missing and physics whose cache only Blender may
+    write. path: of the file that was read."""
     for driver in () if allow_scripts else python_drivers():
         raise PecsError(f"{path}: {driver}; --allow-scripts runs it", ExitCode.UNSUPPORTED)
     for missing in missing_files(scene):
         raise PecsNotFoundError(f"{path}: {missing}")
     for unreadable in unreadable_pictures():
         raise PecsInputError(f"{path}: {unreadable}")
+    for one in things(scene):
+        if _is_unbaked(one) and getattr(one, "use_disk_cache", True):
+            got = "physics with a disk cache that is not baked"
+            raise bad_input(path, repr(one.id_data.name), got, "baked physics")
 
 
 def notes(scene: bpy.types.Scene) -> Iterator[str]:

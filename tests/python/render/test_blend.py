@@ -109,6 +109,7 @@ def test_a_blend_through_a_lens(blends, tmp_path):
         ("no_such_file", [], 3, "no such file"),
         ("textures", ["--frames", "100000", "--width", "8000"], 5, "disk"),
         ("disk_cache", [], 4, "'Plane': got physics with a disk cache that is not baked, wanted baked physics"),
+        ("fluid", [], 4, "'Cube': got physics with a disk cache that is not baked, wanted baked physics"),
         ("late", ["--fps", "1kHz", "--frames", "2"], 4, "got times 326 us apart near frame 100000, wanted at most 250"),
     ],
 )

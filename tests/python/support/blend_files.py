@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 from pecs_lab import blend
-from pecs_lab.blend import BLUE, GREEN, GREY, RED, ball, floor, lamp, material, put
+from pecs_lab.blend import BLUE, GREEN, GREY, RED, ball, box, floor, lamp, material, put
 
 
 def closures():
@@ -170,6 +170,11 @@ def disk_cache():
     cache = floor().modifiers.new("cloth", "CLOTH").point_cache
     blend.save(sys.argv[1], "disk_cache")  # only a saved file may have one
     cache.use_disk_cache = True
+
+
+def fluid():
+    """A domain that is not baked."""
+    box().modifiers.new("fluid", "FLUID").fluid_type = "DOMAIN"
 
 
 def missing_texture():
@@ -365,7 +370,18 @@ def centimetres():
 FILES = [closures, textures, groups, volumes, emission, hair, instances, drivers, slots, strips, world, linked]
 LIBRARY = Path()
 
-OTHERS = [temperatures, spectra, python_driver, late, disk_cache, missing_texture, no_camera, measured, centimetres]
+OTHERS = [
+    temperatures,
+    spectra,
+    python_driver,
+    late,
+    disk_cache,
+    fluid,
+    missing_texture,
+    no_camera,
+    measured,
+    centimetres,
+]
 
 
 def main(folder, *names):
