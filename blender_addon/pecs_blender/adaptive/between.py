@@ -136,13 +136,14 @@ class Between:
 
     def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.
-        looks: whether a sample of each pixel finds more such tiles; also in the halves, if it does."""
+        looks: whether a sample of each pixel finds more such tiles; also in the halves, if the rendered middle confirms
+        some of them."""
         middle = (low + high) // 2
         if middle == low:
             return
         if looks:
             seen = self._differing_from(self._glance(middle), middle)
-            looks, wrong = bool((seen & ~grown(wrong)).any()), wrong | seen
+            new, wrong = seen & ~grown(wrong), wrong | seen
         bends = self._lamps_bend(low, high)
         if not (wrong.any() or bends):
             return
@@ -158,6 +159,7 @@ class Between:
         step = middle - self._interval.start
         self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
         self._residual[middle] = _log_ratio(rendered.current, expected.warped)
+        looks = looks and bool((new & rendered.wrong).any())
         self._halve(low, middle, rendered.wrong, looks)
         self._halve(middle, high, rendered.wrong, looks)
 
@@ -248,9 +250,12 @@ class Between:
 
     def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
         """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""
-        carried = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
-        expected = carried.at(self._fraction(step)) * self._change(step)
-        return self._judge.glances_differ(expected, self._judge.photocurrent(glance, self._stage.factors))
+        now, differ = self._judge.photocurrent(glance, self._stage.factors), []
+        for of in ("glance", "raw"):  # noise of one sample seldom differs from both
+            carried = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, of))
+            expected = carried.at(self._fraction(step)) * self._change(step)
+            differ.append(self._judge.glances_differ(expected, now))
+        return differ[0] & differ[1]
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""
