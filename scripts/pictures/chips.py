@@ -1,5 +1,5 @@
 #!/usr/bin/env -S sh -c 'P="$(dirname "$0")/../../.venv/bin/python"; [ -x "$P" ] || P=python3; exec "$P" "$0" "$@"'
-"""docs/reference/chips.md and the figures in docs/reference/chips/, of every profile in sensor/chips.
+"""docs/reference/chips.md and the figures in docs/reference/chips/, of every profile in sensor/chips and the readout.
 
 scripts/pictures/chips.py
 """
@@ -7,7 +7,8 @@ scripts/pictures/chips.py
 from pathlib import Path
 
 import numpy as np
-from figures import GREY, INK, ROOT, plt, save
+import pecs
+from figures import GREY, INK, OFF, ON, ROOT, plt, save
 from pecs_lab.measure import ask
 from pecs_lab.report import cell, table
 
@@ -80,6 +81,28 @@ def draw(name: str, info: dict, path: Path) -> None:
     save(fig, path)
 
 
+def draw_readout(path: Path) -> None:
+    """Columns over time of a texture that moves, as davis346 reads them and as they would wait."""
+    t_us, noise, hz = (
+        1000.0 * np.arange(100),
+        np.random.default_rng(1).standard_normal((260, 346)),
+        np.fft.rfftfreq(346),
+    )
+    spectrum, moved = np.fft.rfft2(noise) * np.exp(-((15 * hz) ** 2)), 0.06 * np.arange(len(t_us))[:, None, None]
+    frames = np.exp(2 * np.fft.irfft2(spectrum * np.exp(2j * np.pi * hz * moved), noise.shape))
+    fig, axes = plt.subplots(1, 2, figsize=(7, 2.4), sharey=True, layout="constrained")
+    for axis, title, values in zip(
+        axes, ("davis346", "columns as they wait"), ({}, {"readout_idle_s": 0}), strict=True
+    ):
+        events = pecs.simulate(frames, t_us, chip="davis346", photocurrent_a=1e-12, seed=1, overrides=values)
+        shown = events[(events["t"] >= 90_000) & (events["t"] < 92_000)]
+        colours = np.where(shown["p"] == 1, ON, OFF)
+        axis.scatter(shown["t"] / 1000 - 90, shown["x"], s=0.5, c=colours)
+        axis.set(title=title, xlabel="time / ms", xlim=(0, 2), ylim=(0, 346))
+    axes[0].set_ylabel("x / px")
+    save(fig, path)
+
+
 def section(name: str, info: dict) -> str:
     names = ", ".join(info.get("trade_names", []))
     text = f"\n## {name}\n{info['description']}." + (f" Cameras and other names: {names}." if names else "")
@@ -93,6 +116,7 @@ def main() -> None:
     infos = {name: info for name, info in infos.items() if "mosaic" not in info}
     for name, info in infos.items():
         draw(name, info, ROOT / f"docs/reference/chips/{name}.svg")
+    draw_readout(ROOT / "docs/reference/chips/readout.png")
     real = {name: info for name, info in infos.items() if name != "ideal"}
     text = PREFACE + light_table(list(real)) + VALUES + value_table(real)
     text += "".join(section(name, info) for name, info in infos.items())
