@@ -20,6 +20,7 @@ from .._command import answer
 from .._errors import PecsOutputError, UsageError, bad_input
 from .._files import existing_folder, read_text, write_text
 from .._progress import Line
+from .._text import counted
 from . import manifest, recipe, recipe_check, report, run, scene_cameras, writers
 from .card import write_cards
 from .files import read_numbers, read_object
@@ -178,7 +179,7 @@ def _finish(found: recipe.Recipe, output: Path, line: Line) -> None:
         to = output / "exports" / name
         if not (to.is_dir() and read_object(to / writers.REPORT, "an export").get("made_of") == sums):
             _export(output, name, to, line, replace=True)
-    print(f"{output / 'index.html'}: {_counted(found.sequences, 'sequence')}")
+    print(f"{output / 'index.html'}: {counted(found.sequences, 'sequence')}")
 
 
 def _export(folder: Path, name: str, output: Path, line: Line, replace: bool = False) -> None:
@@ -187,11 +188,7 @@ def _export(folder: Path, name: str, output: Path, line: Line, replace: bool = F
         line.note(f"{name}: left out: {unfinished} unfinished sequences")
     for gone in report["left_out"]:
         line.note(f"{name}: left out: {gone['what']}: {gone['why']}")
-    print(f"{output}: {name}, {_counted(len(report['sequences']), 'sequence')}")
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}{'s' * (number != 1)}"
+    print(f"{output}: {name}, {counted(len(report['sequences']), 'sequence')}")
 
 
 def _check(wanted: list[int], output: Path) -> None:
@@ -280,7 +277,7 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     kind = "keyframes among" if plan.sequence(wanted[0]).is_adaptive else "all of"
     about, each = "about " if len(spaced) < len(wanted) else "", len(wanted) / len(spaced)
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
-    print(f"{_counted(len(wanted), 'sequence')}, {_counted(stacks, 'stack')} each: {what}")
+    print(f"{counted(len(wanted), 'sequence')}, {counted(stacks, 'stack')} each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
     made.update((scene, values[:6]) for scene, values in measured.items())
     if not made:
