@@ -450,7 +450,7 @@ save(sys.argv[1], "focus")
 
 
 def test_keyframes_of_a_camera_whose_focus_moves(tmp_path):
-    """Small things that no probe strip meets."""
+    """Small things that the first keyframe shows out of focus."""
     in_bpy(FOCUS, tmp_path)
     every = ("render", tmp_path / "focus.blend", *COMMON, "--fps", 24, "--frames", 11, "--samples", 64, "--bands", 1)
     pecs_blender(*every, "-o", tmp_path / "few", "--time", "adaptive", "--no-denoise")
