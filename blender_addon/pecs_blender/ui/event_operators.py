@@ -98,15 +98,15 @@ def _run_of(scene, stack: Path, events: Path, label: str = "Render and Simulate"
     return Next(command, lambda: BackgroundJob(label, command, events, done, **how))
 
 
-def _in_file_names(cameras: list[bpy.types.Object]) -> list[tuple[bpy.types.Object, str]]:
-    """Each with a part of a file's name that no other has, whatever the system makes of capital letters."""
-    taken: list[str] = []
+def _by_file_name(cameras: list[bpy.types.Object]) -> dict[str, bpy.types.Object]:
+    """By a part of a file's name that no other has, whatever the system makes of capital letters."""
+    out: dict[str, bpy.types.Object] = {}
     for camera in sorted(cameras, key=lambda one: one.name):
         clean = bpy.path.clean_name(camera.name)
-        while clean.lower() in map(str.lower, taken):
+        while clean.lower() in map(str.lower, out):
             clean += "_"
-        taken.append(clean)
-    return list(zip(sorted(cameras, key=lambda one: one.name), taken, strict=True))
+        out[clean] = camera
+    return out
 
 
 class PECS_OT_run_cameras(_Runs, bpy.types.Operator):
@@ -122,7 +122,7 @@ class PECS_OT_run_cameras(_Runs, bpy.types.Operator):
         try:
             for marker, _ in markers:  # it would switch the camera
                 marker.camera = None
-            for one, name in _in_file_names([thing for thing in scene.objects if thing.type == "CAMERA"]):
+            for name, one in _by_file_name([thing for thing in scene.objects if thing.type == "CAMERA"]).items():
                 scene.camera = one
                 stack, events = (
                     path.with_stem(f"{path.stem}_{name}") for path in (paths.stack(scene), paths.events(scene))
