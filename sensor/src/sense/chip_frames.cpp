@@ -14,8 +14,7 @@ namespace {
 
 constexpr double kElectron_c = 1.602176634e-19;
 constexpr double kElectronsPerFaUs = 1e-21 / kElectron_c;
-constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000;  // davis_ros_driver
-constexpr double kLeastLibcaer_us = 1;
+constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000, kLeastLibcaer_us = 1;  // the first two: davis_ros_driver
 
 // Mean of the values' middle half, as a share of the ADC's range.
 double middle_mean(const events::Frame& frame) {
@@ -114,11 +113,11 @@ void ChipFrames::expose(const float* from, const float* to, double from_us, doub
 void ChipFrames::complete(std::int64_t frame) {
   events::Frame out = developed(frame, light_.at(frame));
   light_.erase(frame);
-  if (chip_.frame_auto_libcaer > 0)
-    metered_.push_back({end_us(frame), exposure_us(frame), 1, libcaer_change_us(out)});
-  else if (chip_.has_auto_exposure())
-    metered_.push_back(
-        {end_us(frame), exposure_us(frame), 1 + chip_.frame_auto_gain * (chip_.frame_auto_mean - middle_mean(out)), 0});
+  if (chip_.has_auto_exposure()) {
+    const bool libcaer = chip_.frame_auto_libcaer > 0;
+    const double factor = libcaer ? 1 : 1 + chip_.frame_auto_gain * (chip_.frame_auto_mean - middle_mean(out));
+    metered_.push_back({end_us(frame), exposure_us(frame), factor, libcaer ? libcaer_change_us(out) : 0});
+  }
   if (!is_output(frame)) return;
   ++frames_;
   for (const std::uint16_t dn : out.values) {
