@@ -83,17 +83,13 @@ def draw(name: str, info: dict, path: Path) -> None:
 
 def draw_readout(path: Path) -> None:
     """Columns over time of a texture that moves, as davis346 reads them and as they would wait."""
-    t_us, noise, hz = (
-        1000.0 * np.arange(100),
-        np.random.default_rng(1).standard_normal((260, 346)),
-        np.fft.rfftfreq(346),
-    )
+    t_us, hz = 1000.0 * np.arange(100), np.fft.rfftfreq(346)
+    noise = np.random.default_rng(1).standard_normal((260, 346))
     spectrum, moved = np.fft.rfft2(noise) * np.exp(-((15 * hz) ** 2)), 0.06 * np.arange(len(t_us))[:, None, None]
     frames = np.exp(2 * np.fft.irfft2(spectrum * np.exp(2j * np.pi * hz * moved), noise.shape))
     fig, axes = plt.subplots(1, 2, figsize=(7, 2.4), sharey=True, layout="constrained")
-    for axis, title, values in zip(
-        axes, ("davis346", "columns as they wait"), ({}, {"readout_idle_s": 0}), strict=True
-    ):
+    ways = ("davis346", {}), ("columns as they wait", {"readout_idle_s": 0})
+    for axis, (title, values) in zip(axes, ways, strict=True):
         events = pecs.simulate(frames, t_us, chip="davis346", photocurrent_a=1e-12, seed=1, overrides=values)
         shown = events[(events["t"] >= 90_000) & (events["t"] < 92_000)]
         colours = np.where(shown["p"] == 1, ON, OFF)

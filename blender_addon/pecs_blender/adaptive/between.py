@@ -147,7 +147,8 @@ class Between:
         bends = self._lamps_bend(low, high)
         if not (wrong.any() or bends):
             return
-        self._stage.set_time(self._grid_s[middle])
+        if not looks:  # a glance has moved the scene there
+            self._stage.set_time(self._grid_s[middle])
         expected, size = self._prediction(middle), self._stage.size
         if bends:  # motion and lamps give the light elsewhere; without lamps, the sensor computes the same
             light = expected.light((0, 0, *size)).copy()
@@ -250,12 +251,13 @@ class Between:
 
     def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
         """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""
-        now, differ = self._judge.photocurrent(glance, self._stage.factors), []
-        for of in ("glance", "raw"):  # noise of one sample seldom differs from both
+        now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
+
+        def differing(of: str) -> np.ndarray:
             carried = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, of))
-            expected = carried.at(self._fraction(step)) * self._change(step)
-            differ.append(self._judge.glances_differ(expected, now))
-        return differ[0] & differ[1]
+            return self._judge.glances_differ(carried.at(self._fraction(step)) * change, now)
+
+        return differing("glance") & differing("raw")  # noise of one sample seldom differs from both
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""

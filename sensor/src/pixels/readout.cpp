@@ -37,9 +37,12 @@ void Readout::push(const LabelledEvents& in, bool last, LabelledEvents& out) {
     out.events.reserve(std::max(most, 2 * out.events.capacity()));
   for (std::size_t i = 0; i < in.events.size();) {
     const std::int64_t t_us = in.events[i].t_us;
-    if (in_turn()) visit(static_cast<double>(t_us), out);
-    while (has_request() && starts_us(queue_[first_].t_us) < static_cast<double>(t_us)) serve(out);
-    if (!in_turn() && !columns_ && !has_request()) i = serve_at_once(in, i, out);
+    if (in_turn()) {
+      visit(static_cast<double>(t_us), out);
+    } else {
+      while (has_request() && starts_us(queue_[first_].t_us) < static_cast<double>(t_us)) serve(out);
+      if (!columns_ && !has_request()) i = serve_at_once(in, i, out);
+    }
     for (; i < in.events.size() && in.events[i].t_us == t_us; ++i)
       wait(in.events[i], causes_ ? in.causes[i] : Cause::signal);
   }
@@ -56,10 +59,12 @@ void Readout::wait(const events::Event& e, Cause cause) {
   }
   const int number = line_of(e);
   auto& line = lines_[static_cast<std::size_t>(number)];
-  if (line.empty() && in_turn())
-    waiting_.insert(number);
-  else if (line.empty())
-    queue_.push_back({number, static_cast<double>(e.t_us)});
+  if (line.empty()) {
+    if (in_turn())
+      waiting_.insert(number);
+    else
+      queue_.push_back({number, static_cast<double>(e.t_us)});
+  }
   line.push_back({e, cause});
 }
 

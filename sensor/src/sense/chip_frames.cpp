@@ -14,7 +14,8 @@ namespace {
 
 constexpr double kElectron_c = 1.602176634e-19;
 constexpr double kElectronsPerFaUs = 1e-21 / kElectron_c;
-constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000, kLeastLibcaer_us = 1;  // the first two: davis_ros_driver
+constexpr double kLeastAuto_us = 10, kMostAuto_us = 25'000;  // davis_ros_driver
+constexpr double kLeastLibcaer_us = 1;
 
 // Mean of the values' middle half, as a share of the ADC's range.
 double middle_mean(const events::Frame& frame) {
@@ -67,9 +68,8 @@ ChipFrames::ChipFrames(const Chip& chip, int width, int height, double unit_fa, 
       row_us_(chip.frame_row_s * 1e6),
       rolled_us_(row_us_ * (height - 1)),
       exposures_us_{chip.frame_exposure_s * 1e6},
-      most_us_(period_us_ - chip.frame_dead_s * 1e6) {
-  if (chip.frame_auto_mean > 0) most_us_ = std::min(most_us_, kMostAuto_us);
-}
+      libcaer_(chip.frame_auto_libcaer > 0),
+      most_us_(std::min(libcaer_ ? period_us_ : kMostAuto_us, period_us_ - chip.frame_dead_s * 1e6)) {}
 
 void ChipFrames::add(std::span<const float* const> planes, std::span<const double> t_us, Region rows) {
   const std::size_t first = static_cast<std::size_t>(rows.begin) * width_,
@@ -114,9 +114,8 @@ void ChipFrames::complete(std::int64_t frame) {
   events::Frame out = developed(frame, light_.at(frame));
   light_.erase(frame);
   if (chip_.has_auto_exposure()) {
-    const bool libcaer = chip_.frame_auto_libcaer > 0;
-    const double factor = libcaer ? 1 : 1 + chip_.frame_auto_gain * (chip_.frame_auto_mean - middle_mean(out));
-    metered_.push_back({end_us(frame), exposure_us(frame), factor, libcaer ? libcaer_change_us(out) : 0});
+    const double factor = libcaer_ ? 1 : 1 + chip_.frame_auto_gain * (chip_.frame_auto_mean - middle_mean(out));
+    metered_.push_back({end_us(frame), exposure_us(frame), factor, libcaer_ ? libcaer_change_us(out) : 0});
   }
   if (!is_output(frame)) return;
   ++frames_;
@@ -134,9 +133,9 @@ double ChipFrames::exposure_us(std::int64_t frame) {
     double next_us = exposures_us_.back();
     for (; !metered_.empty() && metered_.front().end_us <= begin_us(std::ssize(exposures_us_)); metered_.pop_front()) {
       const auto& [of_end_us, of_us, factor, add_us] = metered_.front();
-      if (chip_.frame_auto_libcaer > 0 && of_us != next_us) continue;  // libcaer waits for its last change
-      const double least_us = chip_.frame_auto_libcaer > 0 ? kLeastLibcaer_us : kLeastAuto_us;
-      next_us = std::clamp(std::round(next_us * factor + add_us), least_us, most_us_);
+      if (libcaer_ && of_us != next_us) continue;  // it waits for its last change
+      next_us =
+          std::clamp(std::round(next_us * factor + add_us), libcaer_ ? kLeastLibcaer_us : kLeastAuto_us, most_us_);
     }
     exposures_us_.push_back(next_us);
   }
@@ -196,7 +195,7 @@ std::vector<std::string> ChipFrames::warnings() const {
   if (!frames_) return {"--frames: no exposure lies within the output"};
   const auto share = counts["saturated_share"].get<double>();
   if (share <= kMostSaturated) return {};
-  const std::string remedy = chip_.frame_auto_libcaer > 0 ? "libcaer's exposure allows a third"
+  const std::string remedy = libcaer_ ? "libcaer's exposure allows a third"
                              : chip_.has_auto_exposure()
                                  ? fmt::format("--set frame_auto_mean={} exposes less", chip_.frame_auto_mean / 2)
                                  : fmt::format("--set frame_exposure_s={} is shorter", chip_.frame_exposure_s / 4);

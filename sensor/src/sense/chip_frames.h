@@ -56,6 +56,7 @@ class ChipFrames {
   std::optional<std::uint64_t> seed_;
   double from_us_, to_us_, period_us_, row_us_, rolled_us_;
   std::vector<double> exposures_us_;  // of the first frames; without automatic exposure, of the first one alone
+  bool libcaer_;                      // whose automatic exposure
   double most_us_;                    // of an automatic exposure
   std::deque<Metered> metered_;       // frames that no exposure follows yet
   Region rows_{};
