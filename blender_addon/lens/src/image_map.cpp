@@ -135,6 +135,27 @@ ImageMap::Chief ImageMap::at(double r_mm, double dz_mm) const {
   return out;
 }
 
+// By Newton's steps on the cubic of `in_layer` that surrounds the root.
+double ImageMap::radius_at(double angle) const {
+  const auto& nodes = layers_[0];
+  const int last = static_cast<int>(nodes.size()) - 2;
+  const auto value = [&](int node) { return nodes[static_cast<std::size_t>(std::abs(node))].angle_per_mm; };
+  const auto is_beyond = [&](int node) { return step_mm_ * node * value(node) >= angle; };
+  int low = std::min(static_cast<int>(angle / (step_mm_ * value(0))), last);
+  while (low > 0 && is_beyond(low)) --low;
+  while (low < last && !is_beyond(low + 1)) ++low;
+  const int first = std::min(low - 1, static_cast<int>(nodes.size()) - 4);
+  const double a = value(first), b = value(first + 1), c = value(first + 2), d = value(first + 3);
+  const double d1 = b - a, d2 = (c - 2 * b + a) / 2, d3 = (d - 3 * c + 3 * b - a) / 6;  // Newton's form
+  double x = low + 0.5;
+  for (int i = 0; i < 3; ++i) {
+    const double u = x - first, angle_per_mm = a + u * (d1 + (u - 1) * (d2 + (u - 2) * d3));
+    const double slope = d1 + (2 * u - 1) * d2 + (3 * u * u - 6 * u + 2) * d3;
+    x -= (x * angle_per_mm - angle / step_mm_) / (angle_per_mm + x * slope);
+  }
+  return x * step_mm_;
+}
+
 std::optional<Ray> ImageMap::ray_from_pixel(Pixel pixel) const {
   const FilmPoint film = film_point(pixel);
   const double r = std::hypot(film.x, film.y);
@@ -163,15 +184,10 @@ std::optional<Pixel> ImageMap::pixel_from_direction(Vec3 direction) const {
     return per_x * (r * ux - s.film_shift_x_mm) + per_y * (r * uy - s.film_shift_y_mm);
   };
   const auto excess = [&](double r) { return r * at(r, dz_at(r)).angle_per_mm - angle; };
-  // A film without tilt: find the nodes around the root.
-  std::size_t low = 0, high = layers_[0].size() - 1;
-  const auto radius = [&](std::size_t node) { return step_mm_ * static_cast<double>(node); };
-  if (!(excess(radius(high)) >= 0)) return std::nullopt;
-  while (layers_.size() == 1 && high - low > 1) {
-    const std::size_t middle = (low + high) / 2;
-    (radius(middle) * layers_[0][middle].angle_per_mm < angle ? low : high) = middle;
-  }
-  const double r = rising_root(excess, radius(low), radius(high)), dz = dz_at(r);
+  const double last_mm = step_mm_ * static_cast<double>(layers_[0].size() - 1);
+  const bool is_flat = layers_.size() == 1;
+  if (!((is_flat ? last_mm * layers_[0].back().angle_per_mm - angle : excess(last_mm)) >= 0)) return std::nullopt;
+  const double r = is_flat ? radius_at(angle) : rising_root(excess, 0, last_mm), dz = dz_at(r);
   if (!reaches(r, dz)) return std::nullopt;
   const Vec3 on_film{r * ux - s.film_shift_x_mm, r * uy - s.film_shift_y_mm, dz};
   return Pixel{0.5 * s.width_px - dot(on_film, axes_.right) / s.pixel_pitch_mm,

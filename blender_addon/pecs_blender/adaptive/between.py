@@ -104,27 +104,29 @@ class Between:
         self._residual: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # pixels and ln(rendered / warped), by step
         self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
         self._last_carried: Carried | None = None
+        self._looked: np.ndarray | None = None
 
-    def refine(self) -> None:
-        it = self._interval
+    def refine(self, looked: np.ndarray | None) -> None:
+        """looked: tiles in which a sample of each pixel in the middle is compared, None for all."""
+        it, self._looked = self._interval, looked
         self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True)
 
     def keyframe(self, step: int, fast: np.ndarray) -> Picture:
-        """The picture at a step, in which these tiles, and those where motion does not explain the light, are rendered.
-        Lamps have constant strength."""
+        """The picture at a step, in which these tiles, what is hidden at both keyframes, and where motion does not
+        explain the light are rendered. Lamps have constant strength."""
         it, expected = self._interval, self._prediction(step)
         glance = self._glance(step)
-        wrong = fast | self._disagreeing(step) | self._differing_from(glance, step)
+        wrong = fast | self._disagreeing(step, hidden=True) | self._differing_from(glance, step)
         self._frame = self._warped_frame(step)
         light = expected.light((0, 0, *self._stage.size)).copy()
         rendered = self._render_wrong(expected, wrong, light)
         if not self._is_denoised:
-            return Picture(self._frame, light, None, glance)
+            return Picture(self._frame, light, None, glance, fast)
         self._merge_denoised(expected, rendered, light)
         raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
         for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
             raw[at(box)] = part
-        return Picture(self._frame, raw, light, glance)
+        return Picture(self._frame, raw, light, glance, fast)
 
     def _warped_frame(self, step: int) -> np.ndarray:
         """The frame as the keyframes give it. What is rendered in it receives diffraction from this light around it."""
@@ -237,17 +239,18 @@ class Between:
         keyframes = self._interval.first, self._interval.second
         return [self._judge.photocurrent(getattr(one, of), factors) for one in keyframes]
 
-    def _disagreeing(self, step: int) -> np.ndarray:
-        """Tiles in which the keyframes, warped to a step, differ."""
+    def _disagreeing(self, step: int, hidden: bool = False) -> np.ndarray:
+        """Tiles in which the keyframes, warped to a step, differ. hidden: also where none of both shows 3x3 pixels."""
         it, (first, second), fraction = self._interval, self._photocurrents(step), self._fraction(step)
         a, b = (pecs.CarriedLight(it.carrier, first, second, side).at(fraction) for side in ("first", "second"))
         nowhere = np.isnan(a) & np.isnan(b)
         a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
-        return self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
+        differing = self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
+        return differing | tiles_with(~grown(~nowhere)) if hidden else differing
 
     def _glance(self, step: int) -> np.ndarray:
         self._stage.set_time(self._grid_s[step])
-        return self._light.glance()
+        return self._light.glance(self._looked)
 
     def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
         """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""

@@ -11,6 +11,7 @@ made on the light as rendered: a denoiser's error has no known distribution, tha
 from __future__ import annotations
 
 from bisect import bisect
+from dataclasses import dataclass
 
 import numpy as np
 import pecs
@@ -18,12 +19,13 @@ from pecs.motion import CHANNELS
 
 from ..camera.light import Light
 from ..camera.stage import Stage
+from ..camera.tiles import grown, pixels_of, tiles_under, tiles_with
 from ..output import Layer, Output
-from ..truth.surfaces import HitCache, Recent
+from ..truth.surfaces import HitCache, Recent, SurfaceHits
 from .between import Between, KeyframeInterval
 from .changed import ChangedParts, Picture
 from .judge import Judge
-from .keyframes import FAST, Keyframes, Paths
+from .keyframes import Keyframes, Paths
 from .sharing import average_samples
 
 SHARED = 2  # keyframes on each side whose samples are shared
@@ -50,6 +52,23 @@ def _usable(motion: np.ndarray) -> np.ndarray:
             np.rint(plane / MOTION_STEP_PX, out=plane)
             plane *= MOTION_STEP_PX
     return motion
+
+
+@dataclass(frozen=True)
+class Division:
+    """An interval of whole keyframes that partial ones divide. start, end: grid indices; first, last: hits there; fast:
+    [2, height, width], pixels of both that show surfaces that move or turn too far."""
+
+    start: int
+    end: int
+    first: SurfaceHits
+    last: SurfaceHits
+    fast: np.ndarray
+
+
+def _moves(motion: np.ndarray, to: str) -> np.ndarray:
+    """[2, 2, height, width]: x and y of the displacement to a part of the interval, of both ways."""
+    return motion[[[CHANNELS.index(f"{way}{x}_{to}") for way in ("", "back_")] for x in "xy"]]
 
 
 class Adaptive:
@@ -86,8 +105,9 @@ class Adaptive:
         self._own: dict[int, Picture] = {}  # before samples are shared
         self._shared: Recent[Picture] = Recent(3)
         self._partial: Recent[Picture] = Recent(2)
-        self._divided: Recent[tuple[Between, np.ndarray]] = Recent(1)
+        self._divided: Recent[Division] = Recent(1)
         self._paths = Paths(stage, step_px) if keyframes.partial else None
+        self._slow_px = step_px * stage.subpixels  # the longest path of what is not rendered in partial keyframes
         hits.keep(2 * SHARED + 4)
 
     def is_written(self, index: int) -> bool:
@@ -113,17 +133,19 @@ class Adaptive:
         second = self.keyframe(following)
         motion = _usable(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
-            self._between(index, start, end, first, second, motion).refine()
+            path_px = float(np.nan_to_num(np.hypot(*_moves(motion, "end"))).max())
+            looked = None
+            if index in keyframes.partial or following in keyframes.partial:
+                parts = zip((first, second), self._division(index)[1].fast, strict=True)
+                tiles = (tiles_with(of_whole) if one.fast is None else one.fast for one, of_whole in parts)
+                fast = np.array([pixels_of(one, self._stage.size) for one in tiles])
+                looked = grown(self._tiles_of(_moves(motion, "mid"), fast))
+            self._between(index, start, end, first, second, motion, path_px).refine(looked)
         self._output.write_layer("motion", index, motion)
 
     def _between(
-        self, index: int, start: int, end: int, first: Picture, second: Picture, motion: np.ndarray, part: float = 1.0
+        self, index: int, start: int, end: int, first: Picture, second: Picture, motion: np.ndarray, path_px: float
     ) -> Between:
-        """part: of the picture, whose paths count."""
-        x_px, y_px, back_x_px, back_y_px = motion[
-            [CHANNELS.index(f"{way}{x}_end") for way in ("", "back_") for x in "xy"]
-        ]
-        paths_px = np.nan_to_num([np.hypot(x_px, y_px), np.hypot(back_x_px, back_y_px)])
         interval = KeyframeInterval(
             index=index,
             start=start,
@@ -131,7 +153,7 @@ class Adaptive:
             first=first,
             second=second,
             carrier=pecs.Carrier(motion),
-            path_px=float(np.quantile(paths_px, part)),
+            path_px=path_px,
         )
         return Between(self._stage, self._light, self._judge, self._output, self._grid_s, interval)
 
@@ -143,20 +165,32 @@ class Adaptive:
 
     def _in_part(self, index: int) -> Picture:
         """A partial keyframe: the fast part and what the whole keyframes around do not explain, in their light."""
-        number = bisect(self._whole, index) - 1
-        between, fast = self._divided.get(number, self._divide)
-        return between.keyframe(self._keyframes.keys[index], fast)
+        number, of = self._division(index)
+        first, second = (self._shared.get(n % len(self._whole), self._share_samples) for n in (number, number + 1))
+        step = self._keyframes.keys[index]
+        from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, step, of.end))
+        part = (t_s - from_s) / (to_s - from_s)
+        motion = _usable(self._motion.through(of.first, of.last, t_s, part))
+        moves = _moves(motion, "end") * np.array([part, 1 - part])[:, None, None]
+        between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
+        return between.keyframe(step, self._tiles_of(moves, of.fast))
 
-    def _divide(self, number: int) -> tuple[Between, np.ndarray]:
-        """The interval between a whole keyframe and the next one, and its fast tiles."""
-        keyframes, following = self._keyframes, (number + 1) % len(self._whole)
-        start = keyframes.keys[self._whole[number]]
-        end = keyframes.keys[self._whole[following]] if following else keyframes.ends[-1]
+    def _tiles_of(self, moves: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+        """Tiles in which the points of some pixels [2, height, width] lie after these displacements, as `_moves`."""
+        places = moves + self._hits.surfaces.sight.centres()[:, None]
+        return tiles_under(places[:, pixels], self._stage.size)
+
+    def _division(self, index: int) -> tuple[int, Division]:
+        """Around the instants after a keyframe; and the number of the whole keyframe at which it starts."""
+        number = bisect(self._whole, index) - 1
+        return number, self._divided.get(number, self._divide)
+
+    def _divide(self, number: int) -> Division:
+        keys, whole = self._keyframes.keys, self._whole
+        start, end = keys[whole[number]], [*(keys[i] for i in whole[1:]), self._keyframes.ends[-1]][number]
         from_s, to_s = self._grid_s[start], self._grid_s[end]
-        first, second = (self._shared.get(n, self._share_samples) for n in (number, following))
-        motion = _usable(self._motion.render(from_s, to_s))
-        between = self._between(self._whole[number], start, end, first, second, motion, 1 - FAST)
-        return between, self._paths.fast_tiles(from_s, to_s, self._stage.size)
+        fast = self._paths.fast(from_s, to_s, self._stage.size)
+        return Division(start, end, self._hits.at(from_s), self._hits.at(to_s), fast)
 
     def _share_samples(self, number: int) -> Picture:
         """Averages a whole keyframe with its neighbours, each warped to its instant, where they show the same surface

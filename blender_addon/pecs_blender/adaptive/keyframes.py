@@ -6,8 +6,9 @@ by more than TURN, and every path is, to within BEND_PX, the polynomial through 
 sensor follows (docs/reference/exr_stack.md). They are measured on a small picture at nine instants of the interval;
 points without a place at its end are ignored. Nothing is in the picture between its ends alone, nor missing there.
 
-If a small part of the picture sets the length, such as a fan, keyframes in which only this part is rendered, partial
-ones, divide longer intervals of whole keyframes.
+Where this costs less, partial keyframes divide longer intervals of whole ones. In them, a part of the picture is
+rendered: what moves or turns too far in the longer interval, such as a fan. The places of all other points are exact in
+each of them, so that bends of their paths do not limit the longer interval.
 """
 
 from __future__ import annotations
@@ -15,14 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from pecs._progress import Line
 from pecs.motion import displacement_weights
 
 from ..camera.stage import Stage
-from ..camera.tiles import TILE_PX, tiles_of
 from ..scene.timeline import Instants, Timeline
 from ..truth.surfaces import Poses, Recent, SurfaceHits, Surfaces
 
@@ -31,8 +30,9 @@ TURN = 0.5  # rad: the light of an edge's pixels depends on how it lies across t
 TURNING = 0.01  # of the picture: what turns in less of it is rendered between keyframes
 LONGEST = 256  # grid steps; limits aliasing of periodic motion
 PARTS = 8  # of an interval
-FAST = 0.05  # of the picture: what requires partial keyframes covers less
+FAST = np.array([0.01, 0.05, 0.1, 0.2, 0.3])  # of the picture: what is rendered in partial keyframes covers less
 GAIN = 2  # intervals with partial keyframes are longer by this factor
+PARTIAL_COST, TILES = 0.25, 2.5  # of a partial keyframe, in whole ones: fixed, and per FAST (whole tiles are rendered)
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured, of the sensor's
 
 
@@ -106,32 +106,27 @@ class Paths:
         self.mean_px: dict[tuple[float, float], float] = {}
 
     def needs(self, from_s: float, to_s: float) -> np.ndarray:
-        """Intervals that paths between two instants require: of all surfaces, and of all but FAST of the picture. The
-        longest paths, their largest deviation from the polynomial and what turns or stretches most decide."""
+        """Intervals that paths between two instants require: of all surfaces, where the longest paths, their largest
+        deviation from the polynomial and what turns or stretches most decide; and the whole ones, with partial ones, if
+        all but each of FAST of the picture decides, without that deviation."""
         ways = self._ways(from_s, to_s)
         self.mean_px[from_s, to_s] = self._limits[0] * float(ways[0][0][0].mean()) if ways else 0.0
         if ways is None:
-            return np.full(2, np.inf)
+            return np.full(1 + len(FAST), np.inf)
         comes_or_goes = self._comes_or_goes([self._poses.get(t, self._pose) for t in _instants(from_s, to_s)])
-        every, most = [2.0 * comes_or_goes], [2.0 * comes_or_goes]
+        required = [np.full(1 + len(FAST), 2.0 * comes_or_goes)]
         for used, _ in ways:
             turned = [np.quantile(one, 1 - TURNING) for one in (used[2, 1:-1], used[3, :, 1:-1])]
-            every.append(_intervals([used[0].max(), used[1].max(), *turned]))
-            most.append(np.quantile(_intervals(used), 1 - FAST))
-        return np.array([max(every), max(most)])
+            every = max(used[0].max(), np.power(used[1].max(), 1 / 5), *turned)  # bends grow with the fifth power
+            required.append([every, *np.quantile(_far(used), 1 - FAST)])
+        return np.max(required, axis=0)
 
-    def fast_tiles(self, from_s: float, to_s: float, size: tuple[int, int]) -> np.ndarray:
-        """Tiles [rows, columns] of a picture of this size over which surfaces move between two instants that require
-        shorter intervals."""
-        tiles = np.zeros(tiles_of(*size), bool)
-        scale = np.array(size) / self._surfaces.size / TILE_PX
-        for used, places in self._ways(from_s, to_s) or ():
-            at = np.array(places)[:, :, _intervals(used) > 1]  # [times, 2, n]
-            between = (at[1:] + at[:-1]) / 2
-            x, y = np.concatenate([at, between]).transpose(1, 0, 2).reshape(2, -1) * scale[:, None]
-            inside = (x >= 0) & (y >= 0) & (x < tiles.shape[1]) & (y < tiles.shape[0])  # not NaN
-            tiles[y[inside].astype(int), x[inside].astype(int)] = True
-        return tiles
+    def fast(self, from_s: float, to_s: float, size: tuple[int, int]) -> np.ndarray:
+        """[2, height, width]: pixels of pictures of this size at two instants that show surfaces that move or turn too
+        far in between."""
+        far = np.array([_far(used) > 1 for used, _ in self._ways(from_s, to_s)])
+        x, y = (np.arange(n) * own // n for n, own in zip(size, self._surfaces.size, strict=True))
+        return far[:, y][:, :, x]
 
     def _ways(self, from_s: float, to_s: float) -> list[tuple[np.ndarray, list[np.ndarray]]] | None:
         """Of the surfaces seen at each of the two instants, what `_used` returns and their places at all times; None
@@ -194,10 +189,9 @@ def _instants(from_s: float, to_s: float) -> list[float]:
     return np.linspace(from_s, to_s, PARTS + 1).tolist()
 
 
-def _intervals(used: Any) -> np.ndarray:
-    """How many intervals, about, are required instead of one in which these parts of what is allowed are used."""
-    length, bend, *turns = used
-    return np.maximum.reduce([length, np.power(bend, 1 / 5), *turns])  # bends grow with the fifth power
+def _far(used: np.ndarray) -> np.ndarray:
+    """The larger one of length and turns, relative to what is allowed in an interval."""
+    return used[[0, 2, 3]].max(0)
 
 
 def _turned(moved: np.ndarray, instance: np.ndarray) -> np.ndarray:
@@ -222,8 +216,8 @@ def _choose(
         ends_s = grid_s[start : min(start + LONGEST, max(start + 1, cut - 1)) + 1]
         steps, likely = _longest(guesses[0], paths, ends_s, 0)
         guesses[0] = whole = steps
-        if may_be_partial and likely >= GAIN * steps <= len(ends_s) - 1:
-            longer, _ = _longest(max(guesses[1], GAIN * steps), paths, ends_s, 1)
+        if may_be_partial and (of := _cheapest(steps, np.minimum(likely, len(ends_s) - 1))):
+            longer, _ = _longest(max(guesses[1], GAIN * steps), paths, ends_s, of)
             if longer >= GAIN * steps:
                 guesses[1] = whole = longer
         while keys[-1] + steps < start + whole:
@@ -238,9 +232,17 @@ def _choose(
     return keys, partial
 
 
-def _longest(guess: int, paths: Paths, ends_s: list[float], of: int) -> tuple[int, float]:
-    """Length of the longest interval whose paths fit, in steps and to about 10 %, at least 1; and about that without
-    FAST of the picture. of: which of Paths.needs must fit."""
+def _cheapest(steps: int, likely: np.ndarray) -> int:
+    """Which of Paths.needs gives the cheapest whole intervals, of these lengths, that partial keyframes divide after
+    `steps` each; 0 for whole ones of `steps`."""
+    partial = (likely[1:] / steps - 1) * (PARTIAL_COST + TILES * FAST)
+    cost = np.append(1 / steps, np.where(likely[1:] >= GAIN * steps, (1 + partial) / likely[1:], np.inf))
+    return int(np.argmin(cost))
+
+
+def _longest(guess: int, paths: Paths, ends_s: list[float], of: int) -> tuple[int, np.ndarray]:
+    """Length of the longest interval whose paths fit, in steps and to about 10 %, at least 1; and about that of each of
+    Paths.needs. of: which of them must fit."""
     most = len(ends_s) - 1
     fits, fails, steps = 0, most + 1, max(1, min(guess, most))
     while True:
@@ -252,4 +254,4 @@ def _longest(guess: int, paths: Paths, ends_s: list[float], of: int) -> tuple[in
             fails = steps
         steps = int(np.clip(min(likely[of], 4 * steps), fits + 1, fails - 1))
         if fails - fits < 2 or (fits and steps < 1.1 * fits):
-            return max(1, fits), likely[1]
+            return max(1, fits), likely

@@ -114,6 +114,14 @@ def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:
     return _blocks(pixels, side).any(-1)
 
 
+def tiles_under(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Tiles in which these places [2, n], x and y in pixels, lie; NaN is ignored. size: width, height."""
+    tiles, (x, y) = np.zeros(tiles_of(*size), bool), places
+    inside = (x >= 0) & (y >= 0) & (x < size[0]) & (y < size[1])
+    tiles[y[inside].astype(int) // TILE_PX, x[inside].astype(int) // TILE_PX] = True
+    return tiles
+
+
 def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> np.ndarray:
     """Pixels [height, width] of the tiles; size: width, height."""
     return tiles.repeat(side, 0).repeat(side, 1)[: size[1], : size[0]]

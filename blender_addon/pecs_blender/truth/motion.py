@@ -29,6 +29,17 @@ class Motion(Layer):
         there, back = self._way(first, [*between, last.poses]), self._way(last, [*between[::-1], first.poses])
         return np.concatenate([there, back])
 
+    def through(self, first: SurfaceHits, last: SurfaceHits, t_s: float, part: float) -> np.ndarray:
+        """As `render`, of even motion between two instants that is exact at a time between them, a part of the way."""
+        self._stage.set_time(t_s)
+        poses, channels = self._surfaces.poses(), []
+        for seen, way in ((first, part), (last, 1 - part)):
+            x, y, z, z_now = self._way(seen, [poses])
+            with np.errstate(invalid="ignore"):  # the sky's depth
+                z_end = np.where(np.isfinite(z), z + (z_now - z) / way, z_now)
+            channels += [*(q / way * move for q in QUARTERS for move in (x, y)), z, z_end]
+        return np.stack(channels).astype(np.float32)
+
     def _way(self, seen: SurfaceHits, poses: list[Poses]) -> np.ndarray:
         """Half of the channels, of the motion of `seen` to these poses."""
         places = [self._surfaces.place(seen, one) for one in poses]

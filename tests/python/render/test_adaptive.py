@@ -247,6 +247,29 @@ def test_a_small_fast_part_has_partial_keyframes(desk, root):
         assert (folder / name).read_bytes() == whole
 
 
+def test_a_camera_that_trembles_needs_few_whole_keyframes(desk, tmp_path):
+    """Paths are bent, but the places of points are exact in the partial keyframes."""
+    t_s, path = np.arange(121) / 1000, tmp_path / "trembles.txt"
+    half_rad = 0.0015 * np.sin(2 * np.pi * 20 * t_s)  # about the camera's y axis
+    s, c, still = np.sin(half_rad), np.cos(half_rad), np.zeros(121)
+    np.savetxt(path, np.stack([t_s, still, still, still, -c * 0.5**0.5, -s * 0.5**0.5, s * 0.5**0.5, c * 0.5**0.5], 1))
+    trembling = ("--set", "metronome_hz=0", "--set", "fan_hz=0", "--camera-path", path)
+    folder = desk(*LARGER, *trembling, "--time", "adaptive", "--frames", 121)
+    stack = json.loads((folder / "stack.json").read_text())
+    partial, count = stack["render"]["partial_keyframes"], len(stack["times_ns"])
+    assert count >= 4 and count - len(partial) <= 3
+    aside = max(partial, key=lambda i: abs(half_rad[stack["times_ns"][i] // 1_000_000]))
+    at = stack["times_ns"][aside] // 1_000_000
+    alone = desk(*LARGER, *trembling, "--frames", f"{at}:{at + 1}", "--subpixels", 2, "--samples", 64)
+    with pecs.StackReader(folder) as reader, pecs.StackReader(alone) as truth:
+        pictures = truth.read_frame(0), reader.read_frame(aside), reader.read_frame(0)
+        true, partly, whole = (np.log(np.maximum(one[0], 1e-9)) for one in pictures)
+    right = np.gradient(true)[1]
+    edges = (np.abs(right) > 0.2) & (np.abs(right) < 1)
+    shift_px = [np.median((one - true)[edges] / right[edges]) for one in (partly, whole)]
+    assert abs(shift_px[0]) < 0.03 < 0.1 < abs(shift_px[1])
+
+
 def test_lamps_of_a_scene_folder_flicker_as_rendered(desk):
     flicker = (*SMALL, "--set", "flicker_hz=125", "--set", "window_to_lamp=0", "--set", "fan_hz=0")
     folder = desk("--time", "adaptive", "--no-denoise", *flicker)  # the denoiser makes this dark picture 2 % brighter

@@ -55,6 +55,7 @@ class ImageMap {
   bool reaches(double r_mm, double dz_mm) const;
   Chief in_layer(std::size_t layer, double r_mm) const;
   Chief at(double r_mm, double dz_mm) const;
+  double radius_at(double angle) const;  // [mm], on a film without tilt
 
   ImageSetting setting_;
   FilmAxes axes_;
