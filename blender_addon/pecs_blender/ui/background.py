@@ -216,8 +216,7 @@ def _ending(job: BackgroundJob, code: int) -> str:
     if code == 0:
         return job.done(job)
     if job.is_stopping and code in STOPPED:
-        text = "Stopped at {step}. Press {job} to resume" if job.continues else "Stopped at {step}"
-        return text.format(step=job.step, job=job.label)
+        return f"Stopped at {job.step}" + (f". Press {job.label} to resume" if job.continues else "")
     if end := end_of(code):
         return f"{job.label} was ended by {end}" + ". Finished frames are kept" * job.continues
     line = job.last_line.partition("; --")[0]  # without the hint of command-line options

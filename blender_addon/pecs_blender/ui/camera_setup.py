@@ -21,7 +21,6 @@ OF_DOF = ("use_dof", "focus_distance", "aperture_fstop")
 OF_RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y")
 OF_PECS = ("lens", "chip", "focus_m", "fnumber", "film_width_mm")
 NO_CHIP_SIZE = (346, 260)
-NO_LENS = "{camera}: {width} x {height} pixels, no lens"
 
 
 def _camera(scene):
@@ -142,9 +141,8 @@ class _SetUp(Action):
             for name, value in json.loads(before)["pecs"].items():
                 setattr(scene.pecs, name, value)
             raise
-        text = "{camera}: {width} x {height} pixels, {lens}" if view else NO_LENS
-        size = {"width": scene.render.resolution_x, "height": scene.render.resolution_y}
-        return text.format(camera=thing.name, **size, lens=view and view.words())
+        width, height = scene.render.resolution_x, scene.render.resolution_y
+        return f"{thing.name}: {width} x {height} pixels, {view.words() if view else 'no lens'}"
 
 
 _CHOICES = {

@@ -62,14 +62,12 @@ def _scene_problems(scene) -> Iterator[Problem]:
         yield Problem(f"{scene.camera.name} is not a camera")
     if scene.frame_end < scene.frame_start:
         yield Problem("The scene's end frame is before its start frame")
-    if settings.frame_count(scene) > MAX_INSTANTS:
-        text = "{count:,} frames exceed the maximum of {most:,}. Shorten the range"
-        yield Problem(text.format(count=settings.frame_count(scene), most=MAX_INSTANTS))
-
-    duration = settings.frame_count(scene) / scene.pecs.fps * scene.render.fps / scene.render.fps_base
+    count = settings.frame_count(scene)
+    if count > MAX_INSTANTS:
+        yield Problem(f"{count:,} frames exceed the maximum of {MAX_INSTANTS:,}. Shorten the range")
+    duration = count / scene.pecs.fps * scene.render.fps / scene.render.fps_base
     if duration < 1:
-        text = "The rendered time is {share:.2g} of one frame of the scene"
-        yield Problem(text.format(share=duration), False, "pecs.whole_range")
+        yield Problem(f"The rendered time is {duration:.2g} of one frame of the scene", False, "pecs.whole_range")
     if _is_still(scene):
         yield Problem("Nothing in the scene is animated, so only noise causes events", False)
 
@@ -111,9 +109,8 @@ def _chip_problems(scene) -> Iterator[Problem]:
         return
     width, height = settings.size(scene)
     if (chip.width and width > chip.width) or (chip.height and height > chip.height):
-        text = "{width} x {height} pixels exceed the chip's {most_width} x {most_height}"
-        sizes = {"width": width, "height": height, "most_width": chip.width, "most_height": chip.height}
-        yield Problem(text.format(**sizes), fix="pecs.chip_resolution")
+        text = f"{width} x {height} pixels exceed the chip's {chip.width} x {chip.height}"
+        yield Problem(text, fix="pecs.chip_resolution")
 
 
 def _lens_problems(scene) -> Iterator[Problem]:
@@ -192,8 +189,7 @@ def _output_problems(scene) -> Iterator[Problem]:
     yield from _folder_problems(folder)
     wanted, free = settings.stack_bytes(scene), disk.place(folder).free
     if scene.pecs.time == "uniform" and free is not None and wanted > free:
-        text = "The stack requires up to {wanted}; {free} are free"
-        yield Problem(text.format(wanted=readable(wanted), free=readable(free)))
+        yield Problem(f"The stack requires up to {readable(wanted)}; {readable(free)} are free")
 
 
 def _folder_problems(folder: Path) -> Iterator[Problem]:

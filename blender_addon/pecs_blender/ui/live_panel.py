@@ -104,8 +104,7 @@ class PECS_OT_live_record(Action, bpy.types.Operator):
         if recording := sensor.recording:
             return f"{recording.path}: {sensor.stop_recording():,} events"
         if name.startswith("//") and not bpy.data.filepath:
-            text = "{name}: the .blend has no folder yet. Save it, or choose an absolute path"
-            raise ValueError(text.format(name=name))
+            raise ValueError(f"{name}: the .blend has no folder yet. Save it, or choose an absolute path")
         return live_view.record(state.view, Path(bpy.path.abspath(name)))
 
 

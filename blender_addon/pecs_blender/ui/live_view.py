@@ -288,17 +288,15 @@ class LiveView:
     def _lines(self) -> list[tuple[str, tuple]]:
         height, width = self.sensor.last_s.shape
         spent = ", ".join(f"{name} {ms:.1f}" for name, ms in self.cost.ms.items())
-        size = {"width": width, "height": height, "rate": rate_text(self.sensor.rate_hz)}
         frames, share = self.speed()
-        speed = {"frames": frames, "share": share, "dropped": self.clock.dropped, "spent": spent}
-        first = "{width} x {height}, {rate}, subframes: {count}".format(**size, count=self._subframes)
-        cost = "{frames:.1f} frames/s, {share:.0%} of real time, dropped frames: {dropped}, ms: {spent}".format(**speed)
+        first = f"{width} x {height}, {rate_text(self.sensor.rate_hz)}, subframes: {self._subframes}"
+        speed = f"{frames:.1f} frames/s, {share:.0%} of real time"
+        cost = f"{speed}, dropped frames: {self.clock.dropped}, ms: {spent}"
         lines = [(WORDS, WHITE), (first, WHITE), (cost, WHITE)]
         if self._drawn and self._is_coarse:
             lines.append(("Waiting for the viewport's first full sample", WHITE))
         if recording := self.sensor.recording:
-            text = f"REC {recording.path.name}: {recording.count:,} events"
-            lines.append((text, RED))
+            lines.append((f"REC {recording.path.name}: {recording.count:,} events", RED))
         return lines
 
     def speed(self) -> tuple[float, float]:

@@ -153,7 +153,7 @@ def planned_with(scene) -> list[str]:
 def plan_rows(plan: dict) -> list[tuple[str, str]]:
     """Labels and values of the answer."""
     return [
-        ("Rendered", "{count:,} of {of:,}".format(count=plan["frames"], of=plan["of"])),
+        ("Rendered", f"{plan['frames']:,} of {plan['of']:,}"),
         ("Time", background.clock(plan["frames"] * plan["each_s"])),
         ("Disk", readable(plan["disk_bytes"])),
         ("Memory", readable(plan["memory_bytes"])),
@@ -205,8 +205,7 @@ def show_image(image: bpy.types.Image) -> str:
     for area in editors:
         area.spaces.active.image = image
         bpy.app.timers.register(lambda area=area: _fit(area), first_interval=0.2)  # after its first draw
-    text = "{image}: shown in the image editor" if editors else "{image}: open an image editor to see it"
-    return text.format(image=image.name)
+    return f"{image.name}: " + ("shown in the image editor" if editors else "open an image editor to see it")
 
 
 def _open_editor() -> None:

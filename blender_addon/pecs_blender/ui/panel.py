@@ -266,7 +266,7 @@ class PECS_PT_compare(SubPanel, bpy.types.Panel):
             return
         box = layout.box()
         row = box.row()
-        row.label(text="{recording}, {time}".format(**state.scores, time=duration(state.scores["window_us"] / 1e6)))
+        row.label(text=f"{state.scores['recording']}, {duration(state.scores['window_us'] / 1e6)}")
         row.operator("pecs.close_scores", icon="X", text="", emboss=False)
         column = box.column(align=True)
         column.scale_y = 0.8

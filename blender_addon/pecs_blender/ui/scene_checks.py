@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
+from pecs._text import counted
 
 from ..job.options import SAMPLES
 from ..scene.blend import notes, python_drivers
@@ -82,10 +83,9 @@ def _noise(scene) -> Iterator[Problem]:
     if noise > MOST_NOISE:
         wanted = math.ceil(samples * (noise / MOST_NOISE) ** 2)
         text = (
-            "Render noise of about {noise:.2g} contrast thresholds flickers at moving objects and causes false events. "
-            "Use at least {samples} samples, or limit the noise events"
+            f"Render noise of about {noise:.2g} contrast thresholds flickers at moving objects and causes false events."
+            f" Use at least {wanted} samples, or limit the noise events"
         )
-        text = text.format(noise=noise, samples=wanted)
         yield Problem(text, is_error=False, fix="pecs.set_noise_events")
 
 
@@ -96,8 +96,7 @@ def _clip(scene, view_layer) -> Iterator[Problem]:
         return
     far = _farthest(camera, view_layer)
     if far > camera.data.clip_end:
-        text = "The camera's clip end is {end:g}, but objects extend to {far:.4g}"
-        text = text.format(end=camera.data.clip_end, far=far)
+        text = f"The camera's clip end is {camera.data.clip_end:g}, but objects extend to {far:.4g}"
         yield Problem(text, is_error=False, fix="pecs.extend_clip_end")
 
 
@@ -122,10 +121,10 @@ def _motion(scene, view_layer) -> Iterator[Problem]:
         scene.frame_set(frame, subframe=subframe)
     if fastest > MOST_PX:
         text = (
-            "Objects move up to {pixels:.3g} pixels between frames, so their light jumps. Use adaptive steps, or a "
-            "frame rate {times} times as high"
+            f"Objects move up to {fastest:.3g} pixels between frames, so their light jumps. Use adaptive steps, or a "
+            f"frame rate {math.ceil(fastest)} times as high"
         )
-        yield Problem(text.format(pixels=fastest, times=math.ceil(fastest)), is_error=False, fix="pecs.use_adaptive")
+        yield Problem(text, is_error=False, fix="pecs.use_adaptive")
 
 
 def _motion_px(scene, view_layer, from_s: float, to_s: float) -> float:
@@ -175,9 +174,7 @@ class PECS_OT_check_scene(Action, bpy.types.Operator):
     def act(self, context) -> str:
         scene = context.scene
         state.problems[scene.name] = problems = check(scene, context.view_layer)
-        count = len(problems)
-        text = "1 problem found" if count == 1 else "{count} problems found" if count else "No problems found"
-        return text.format(count=count)
+        return f"{counted(len(problems), 'problem')} found" if problems else "No problems found"
 
 
 class _Fix(Action):

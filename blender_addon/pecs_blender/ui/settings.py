@@ -504,8 +504,7 @@ def override_error(override, known: dict[str, dict]) -> str:
         valid = low <= float(override.value) <= high
     except ValueError:
         valid = False
-    text = "{name}: got {value!r}, wanted a number in [{low:g}, {high:g}]"
-    return "" if valid else text.format(name=override.name, value=override.value, low=low, high=high)
+    return "" if valid else f"{override.name}: got {override.value!r}, wanted a number in [{low:g}, {high:g}]"
 
 
 def sensor_error(scene: bpy.types.Scene) -> str:
