@@ -20,7 +20,6 @@ def build(p):
 
     return SceneParts(
         pose=pose,
-        period_s=None,
         target=((0.0, distance_m - 0.001, 0.0), (0.0, -1.0, 0.0)),
         illuminance_lux=p["illuminance_lux"],
     )

@@ -37,7 +37,6 @@ def build(p):
 
     return SceneParts(
         pose=pose,
-        period_s=None,
         target=((0.0, WALL_M - 0.001, 0.0), (0.0, -1.0, 0.0)),
         illuminance_lux=p["illuminance_lux"],
         bounces=0,

@@ -19,20 +19,7 @@ DESK_M, WALL_M = -0.24, 1.35  # height of the desk, distance of the wall behind 
 COLOURS = ((0.5, 0.04, 0.03), (0.03, 0.1, 0.35), (0.6, 0.42, 0.05), (0.05, 0.25, 0.1), (0.7, 0.68, 0.6))
 COLOURS += ((0.04, 0.04, 0.05), (0.3, 0.12, 0.3), (0.1, 0.35, 0.4))
 WHITE, INK = (0.8, 0.8, 0.77), (0.02, 0.02, 0.025)
-WORDS = (
-    "OPTICS",
-    "Events",
-    "Signals",
-    "ATLAS",
-    "Noise",
-    "Light",
-    "TABLES",
-    "Motion",
-    "Lenses",
-    "Colour",
-    "PIXELS",
-    "Time",
-)
+WORDS = "OPTICS Events Signals ATLAS Noise Light TABLES Motion Lenses Colour PIXELS Time".split()
 LAMP_M, LAMP_SIDE_M = (0.42, 0.62, 0.16), 0.08  # light of the desk lamp
 WINDOW_M, WINDOW_SIZE_M = (-1.49, 0.5, 0.4), (1.2, 1.0)
 CARD_M = (0.0, 0.9, DESK_M + 0.1)  # where the illuminance is set, on a card that faces -y
@@ -60,7 +47,6 @@ def build(p):
 
     return SceneParts(
         pose=pose,
-        period_s=None,
         target=(CARD_M, (0.0, -1.0, 0.0)),
         illuminance_lux=p["illuminance_lux"],
         bounces=3,

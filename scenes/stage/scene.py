@@ -28,7 +28,6 @@ def build(p):
         lamp.data.energy *= rng.uniform(0.3, 1.0)
     return SceneParts(
         pose=lambda t_s: None,
-        period_s=None,
         target=((0.0, 3.0, 0.0), (0.0, -1.0, 0.0)),
         illuminance_lux=p["illuminance_lux"],
     )

@@ -48,7 +48,6 @@ def build(p):
 
     return SceneParts(
         pose=pose,
-        period_s=None,
         target=((-1.0, 10.0, 0.0), (0.0, -1.0, 0.0)),
         illuminance_lux=p["illuminance_lux"],
         bounces=1,

@@ -25,9 +25,9 @@ class SceneParts:
     strength (`energy`) pose changes."""
 
     pose: Callable[[float], None]
-    period_s: float | None
     target: tuple[Vec, Vec]
     illuminance_lux: float
+    period_s: float | None = None
     bounces: int = 2
     lamps: tuple[bpy.types.Light, ...] = ()
 
