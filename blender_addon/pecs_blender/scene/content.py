@@ -23,20 +23,9 @@ from pecs._files import sha256
 from .cycles import BOUNCES, SETTINGS
 from .outside_files import files
 
+KEYFRAME = ("co", "handle_left", "handle_right", "interpolation", "easing", "back", "amplitude", "period")
 ARRAYS = {  # read as one: of the collection's items, those of these that they have
-    bpy.types.FCurve: {
-        "keyframe_points": (
-            "co",
-            "handle_left",
-            "handle_right",
-            "interpolation",
-            "easing",
-            "back",
-            "amplitude",
-            "period",
-        ),
-        "sampled_points": ("co",),
-    },
+    bpy.types.FCurve: {"keyframe_points": KEYFRAME, "sampled_points": ("co",)},
     bpy.types.ShapeKey: {"data": ("co", "handle_left", "handle_right", "radius", "tilt")},
 }
 GEOMETRY = (bpy.types.Mesh, bpy.types.Curves, bpy.types.PointCloud)  # its attributes are read as arrays

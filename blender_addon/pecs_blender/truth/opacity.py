@@ -13,18 +13,8 @@ import bpy
 
 Value = float | bpy.types.NodeSocket
 
-NOT_COPIED = {
-    "rna_type",
-    "name",
-    "label",
-    "parent",
-    "location",
-    "location_absolute",
-    "width",
-    "height",
-    "select",
-    "hide",
-}
+OF_EDITOR = {"label", "parent", "location", "location_absolute", "width", "height", "select", "hide"}
+NOT_COPIED = {"rna_type", "name", *OF_EDITOR}
 
 
 def surface(material: bpy.types.Material) -> bpy.types.NodeSocket | float:
