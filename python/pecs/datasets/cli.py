@@ -12,9 +12,6 @@ from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .._arguments import THREADS, Parser, Whole
 from .._command import answer
 from .._errors import PecsOutputError, UsageError, bad_input
@@ -28,6 +25,7 @@ from .plan import Plan, SequencePlan
 from .sequence import sequences
 from .work import RUNS, Busy
 
+Measured = dict[str, tuple[float, run.Cost]]  # scene -> duration [s] and cost of its first sequence
 RECIPE = "recipe.toml"  # of a .blend, in its set
 SHOWN_ROWS, SHOWN_BAD = 20, 4  # of --plan; of --check, which prints what is damaged
 MOST_DRAWN = 1000  # sequences that --plan draws; of more, evenly spaced ones stand for all
@@ -234,25 +232,39 @@ def _move_aside(wanted: list[int], output: Path) -> None:
             (output / "dataset.json").unlink(missing_ok=True)
 
 
-def _measure(plan: Plan, wanted: list[int], threads: int, line: Line) -> dict[str, NDArray[np.float64]]:
-    """By scene: 1, and duration and run.Cost of its first sequence."""
-    measured: dict[str, NDArray[np.float64]] = {}
+def _measure(plan: Plan, wanted: list[int], threads: int, line: Line) -> Measured:
+    measured: Measured = {}
     for index in wanted[:MOST_DRAWN]:
         if (name := plan.scene(index).name) not in measured:
             line(f"dataset: a few frames of {name}", len(measured), 0)
             sequence = plan.sequence(index)
-            measured[name] = np.array([1, sequence.duration_s, *run.cost(sequence, threads)])
+            measured[name] = sequence.duration_s, run.cost(sequence, threads)
     line.end()
     return measured
 
 
-def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArray[np.float64]]) -> None:
+@dataclasses.dataclass
+class _Sum:
+    """Of some sequences: how many, and what they last and take."""
+
+    number: float = 0.0
+    duration_s: float = 0.0
+    seconds: float = 0.0
+    disk_gb: float = 0.0
+    cpu_s: float = 0.0
+    events: float = 0.0
+
+    def add(self, other: _Sum, factor: float = 1.0) -> None:
+        for key, value in vars(other).items():
+            setattr(self, key, getattr(self, key) + factor * value)
+
+
+def _plan(plan: Plan, wanted: list[int], output: Path, measured: Measured) -> None:
     """Prints the drawn sequences, and their time and size as measured on what exists of the same scenes, or by
     `_measure`."""
     rows, truth, light = [], 0, 0
-    # By scene: number, duration, time [s], GB, CPU time [s], events.
-    made: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(6))
-    missing: dict[str, NDArray[np.float64]] = defaultdict(lambda: np.zeros(2))  # by scene: number, duration [s]
+    made, missing = defaultdict[str, _Sum](_Sum), defaultdict[str, _Sum](_Sum)  # by scene
+    every, left = _Sum(), _Sum()
     stacks = sum(camera.has_light for camera in plan.recipe.cameras)
     owners = sum(not camera.pixels_of for camera in plan.recipe.cameras)
     names = {path.name for path in output.glob("sequences/*")}
@@ -266,9 +278,9 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
             light += sum(map(sequence.instants, sequence.with_light))
         share, seconds, gigabytes = _made(sequence, folder)
         if share and not measured:
-            made[scene] += share, share * duration_s, seconds, gigabytes, 0, 0
+            made[scene].add(_Sum(share, share * duration_s, seconds, gigabytes))
         if index in spaced and not folder.is_dir():
-            missing[scene] += 1, (1 - share) * duration_s
+            missing[scene].add(_Sum(1, (1 - share) * duration_s))
         words = [f"{index:04d}", f"{sequence.split:5}", f"{scene:16}", f"{duration_s:.3g} s"]
         rows.append("  ".join([*words, sequence.trajectory["kind"], *(["(there)"] if folder.is_dir() else [])]))
     print("\n".join(rows[:SHOWN_ROWS]))
@@ -279,33 +291,30 @@ def _plan(plan: Plan, wanted: list[int], output: Path, measured: dict[str, NDArr
     what = f"ground truth at {about}{truth * each:.0f} instants, light at {kind} {about}{light * each:.0f}"
     print(f"{counted(len(wanted), 'sequence')}, {counted(stacks, 'stack')} each: {what}")
     free = shutil.disk_usage(existing_folder(output)).free * 1e-9
-    made.update((scene, values[:6]) for scene, values in measured.items())
+    made.update((scene, _Sum(1, duration_s, *cost[:4])) for scene, (duration_s, cost) in measured.items())
     if not made:
         print(f"--estimate measures time and size on a few frames of each scene; {free:.0f} GB free")
         return
-    every = sum(made.values(), np.zeros(6))
-    what = "the renders of a few frames" if measured else f"{every[0]:.2g} existing sequences"
+    for of in made.values():
+        every.add(of)
+    what = "the renders of a few frames" if measured else f"{every.number:.2g} existing sequences"
     print(f"measured on {what} of {', '.join(sorted(made))}")
-    for scene, (_, duration_s, _, _, _, fired, _, noise, px_per_s) in measured.items():
-        if fired:
-            said = (
-                f"{fired:.2g} events, {100 * noise:.0f} % of them by the renderer's noise, median {px_per_s:.2g} px/s"
-            )
-            print(f"{scene}, {duration_s:.3g} s: about {said}")
-    count, left_s, size, cpu_s, events = 0.0, 0.0, 0.0, 0.0, 0.0
-    each = (len(wanted) - len(whole)) / max(1, sum(number for number, _ in missing.values()))
-    for scene, (number, duration_s) in ((scene, each * of) for scene, of in missing.items()):
-        _, durations_s, *costs = made.get(scene, every)
-        costs = duration_s / durations_s * np.array(costs)
-        left_s, size, cpu_s, events = np.add((left_s, size, cpu_s, events), costs)
-        count += number
+    for scene, (duration_s, cost) in measured.items():
+        if cost.events:
+            noise = f"{100 * cost.render_noise:.0f} % of them by the renderer's noise, median {cost.px_per_s:.2g} px/s"
+            print(f"{scene}, {duration_s:.3g} s: about {cost.events:.2g} events, {noise}")
+    number = sum(of.number for of in missing.values())
+    each = (len(wanted) - len(whole)) / max(1, number)
+    for scene, of in missing.items():
+        usual = made.get(scene, every)
+        left.add(usual, each * of.duration_s / usual.duration_s)
     unknown = sorted(missing.keys() - made.keys())
     note = f" (no sequence yet of {', '.join(unknown)})" if unknown else ""
-    memory = f", {max(values[6] for values in measured.values()):.1f} GB of memory" if measured else ""
-    beyond = f", and the sensor's time, and {f'{events:.2g} ' if events else ''}events" if measured else ""
-    cores = f" ({cpu_s / 3600:.2f} hours of one core)" if measured else ""
-    hours = f"{left_s / 3600:.2f} h of this machine as loaded{cores}"
-    print(f"{count:.0f} left: {hours} and {size:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
+    memory = f", {max(cost.memory_gb for _, cost in measured.values()):.1f} GB of memory" if measured else ""
+    beyond = f", and the sensor's time, and {f'{left.events:.2g} ' if left.events else ''}events" if measured else ""
+    cores = f" ({left.cpu_s / 3600:.2f} hours of one core)" if measured else ""
+    hours = f"{left.seconds / 3600:.2f} h of this machine as loaded{cores}"
+    print(f"{each * number:.0f} left: {hours} and {left.disk_gb:.1f} GB{note}{memory}{beyond}; {free:.0f} GB free")
 
 
 def _spaced(indices: list[int]) -> list[int]:
