@@ -224,14 +224,7 @@ class _Still:
         self.search.known = {LIGHT: LIGHT_SD, "frame_step_spread": SPREAD_SD}
         x, covariance = self._run(np.array([forward(key, v) for key, v in start.items()]))
         slopes = self.search.slopes(self.keys, x, both_sides=True)
-        scale = 1 / np.sqrt(self.search.variance)
-        prior = self.search.prior(self.keys)
-        inverse = np.linalg.inv(slopes.T @ slopes + prior)
-        misses = self.search.residuals(self.keys, x)
-        excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(self.keys)))
-        gain = inverse @ slopes.T
-        spread = WIDER**2 * excess * gain @ (covariance * np.outer(scale, scale)) @ gain.T + inverse @ prior @ inverse
-        self._finish(x, spread, moving)
+        self._finish(x, self.search.spread(self.keys, x, slopes, covariance, WIDER), moving)
 
     def _run(self, x: Floats) -> tuple[Floats, Floats]:
         problem, search, keys = self.problem, self.search, self.keys

@@ -391,13 +391,7 @@ class Estimate:
 
     def _spread(self, x: Floats, slopes: Floats) -> Floats:
         """Covariance of x."""
-        scale = 1 / np.sqrt(self.search.variance)
-        noise, prior = self.covariance * np.outer(scale, scale), self.search.prior(self.keys)
-        inverse = np.linalg.inv(slopes.T @ slopes + prior)
-        misses = self.search.residuals(self.keys, x)
-        excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(self.keys)))
-        gain = inverse @ slopes.T
-        spread: Floats = WIDER**2 * excess * gain @ noise @ gain.T + inverse @ prior @ inverse
+        spread = self.search.spread(self.keys, x, slopes, self.covariance, WIDER)
         if self.slow:
             spread += np.diag([SLOW_ERROR.get(key, 0.0) ** 2 for key in self.keys])
         if self.has_steps:

@@ -253,6 +253,17 @@ class Search:
         usual = (PRIOR_SD if FREE[key][0] == "logarithm" else 1e3 for key in keys)
         return np.diag([self.known.get(key, sd) ** -2 for key, sd in zip(keys, usual, strict=True)])
 
+    def spread(self, keys: Sequence[str], x: Floats, slopes: Floats, covariance: Floats, wider: float) -> Floats:
+        """Covariance of x, from that of the statistics; larger by wider**2, and where the model misses by more than the
+        noise."""
+        scale, prior = 1 / np.sqrt(self.variance), self.prior(keys)
+        inverse = np.linalg.inv(slopes.T @ slopes + prior)
+        misses, gain = self.residuals(keys, x), inverse @ slopes.T
+        excess = max(1.0, float(misses @ misses) / max(1, len(misses) - len(keys)))
+        noise = covariance * np.outer(scale, scale)
+        found: Floats = wider**2 * excess * gain @ noise @ gain.T + inverse @ prior @ inverse
+        return found
+
     def middle(self, keys: Sequence[str]) -> Floats:
         return np.array([forward(key, self.start[key]) for key in keys])
 
