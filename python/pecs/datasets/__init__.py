@@ -13,19 +13,9 @@ if TYPE_CHECKING:
     from .windows import WINDOW_DTYPE, Windows, collate
 
 __all__ = [
-    "BOX_DTYPE",
-    "Camera",
-    "EventFile",
-    "Frame",
-    "IMU_DTYPE",
-    "Sequence",
-    "Truth",
-    "WINDOW_DTYPE",
-    "Windows",
-    "collate",
-    "sequences",
-    "writers",
-]
+    "BOX_DTYPE", "Camera", "EventFile", "Frame", "IMU_DTYPE", "Sequence", "Truth", "WINDOW_DTYPE", "Windows", "collate",
+    "sequences", "writers",
+]  # fmt: skip
 _MODULES = {
     "event_file": "EventFile",
     "sequence": "Camera Frame IMU_DTYPE Sequence sequences",
