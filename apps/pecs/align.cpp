@@ -128,7 +128,7 @@ void detect(const DetectArguments& a, Console& console) {
     write_png(a.output, picture);
     console.record(a.output, {"align detect", Json::object(), {a.events}, json});
   }
-  if (a.json) fmt::print("{}\n", text_of(json, 2));
+  if (a.json) print_json(json, 2);
 }
 
 // ---- intrinsics -----------------------------------------------------------------------------------------------------
@@ -223,10 +223,7 @@ void intrinsics(IntrinsicsArguments& a, Console& console) {
     write_file(a.output, text_of(json, 2) + "\n");
     console.record(a.output, {"align intrinsics", Json::object(), inputs, json});
   }
-  if (a.json) {
-    fmt::print("{}\n", text_of(json, 2));
-    return;
-  }
+  if (a.json) return print_json(json, 2);
   const CameraModel &c = in.camera, &d = in.deviation;
   fmt::print("{} of {} views, {:.3f} px rms, {:.0f} % of the picture covered\n", in.rotation.size(),
              g.views.size() + g.missed.size(), in.rms_px, 100 * in.coverage);
@@ -309,10 +306,7 @@ void align_recording(const AlignArguments& a, Console& console) {
     if (sim) inputs.emplace_back(a.sim);
     console.record(a.output, {"align", Json::object(), inputs, aligned.json});
   }
-  if (a.json) {
-    fmt::print("{}\n", text_of(aligned.json, 2));
-    return;
-  }
+  if (a.json) return print_json(aligned.json, 2);
   for (const auto& [key, value] : aligned.json["parameters"].items())
     fmt::print("{:<18}{:12.4f} ± {:.4f}  (was {:.4f})\n", key, value.get<double>(),
                found.deviation.contains(key) ? found.deviation.at(key) : 0.0, original.values.at(key));

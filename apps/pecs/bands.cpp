@@ -35,10 +35,7 @@ void add_bands(CLI::App& app, Console&) {
     if (o->min_nm) options["min_nm"] = *o->min_nm;
     if (o->max_nm) options["max_nm"] = *o->max_nm;
     const Json result = sensor::choose_bands(options);
-    if (o->json) {
-      fmt::print("{}\n", text_of(result));
-      return;
-    }
+    if (o->json) return print_json(result);
     fmt::print("wavelength_nm  weight_nm\n");
     for (const Json& band : result["bands"])
       fmt::print("{:13.3f}  {:9.3f}\n", band["lambda_nm"].get<double>(), band["weight_nm"].get<double>());

@@ -33,15 +33,12 @@ void list(bool json) {
                  chip.trade_names.empty() ? "" : fmt::format(": {}", fmt::join(chip.trade_names, ", ")));
     out.push_back({{"name", chip.name}, {"description", chip.description}, {"trade_names", chip.trade_names}});
   }
-  if (json) fmt::print("{}\n", text_of(out));
+  if (json) print_json(out);
 }
 
 void list_presets(bool json) {
   const Json all = sensor::presets();
-  if (json) {
-    fmt::print("{}\n", text_of(all));
-    return;
-  }
+  if (json) return print_json(all);
   for (const Json& preset : all)
     fmt::print("{:<20}{}\n{:<20}{}\n", preset["name"].get<std::string>(), preset["description"].get<std::string>(), "",
                preset["source"].get<std::string>());
@@ -77,10 +74,7 @@ void info(const InfoOptions& o) {
     }
     out["light"]["lux_at_chip"] = at_chip;
   }
-  if (o.json) {
-    fmt::print("{}\n", text_of(out));
-    return;
-  }
+  if (o.json) return print_json(out);
   fmt::print("{}: {}\n", chip.name, chip.description);
   if (!chip.trade_names.empty()) fmt::print("cameras: {}\n", fmt::join(chip.trade_names, ", "));
   for (const auto& [key, entry] : out["values"].items())

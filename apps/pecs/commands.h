@@ -40,6 +40,9 @@ std::optional<std::string> python_file(const std::string& model);
 // Runs FILE.py. Throws what is wrong with it.
 std::shared_ptr<const sensor::UserModelEntry> python_model(const std::string& model, bool verbose);
 
+// A result of --json.
+void print_json(const Json& json, int indent = -1);
+
 // The turning disk of a recording, as `pecs align detect --json` prints it.
 Json found_disk(const events::Stream& recording, const std::string& file);
 

@@ -114,10 +114,8 @@ void run(const CompareArguments& a, Console& console) {
     write_picture(a.picture, view::compare_picture(comparison), 1520);
     console.record(a.picture, {"compare", Json::object(), {a.real, a.sim}, metrics::to_json(comparison)});
   }
-  if (a.json)
-    fmt::print("{}\n", text_of(metrics::to_json(comparison), 2));
-  else
-    print_table(comparison, a);
+  if (a.json) return print_json(metrics::to_json(comparison), 2);
+  print_table(comparison, a);
 }
 
 }  // namespace

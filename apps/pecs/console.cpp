@@ -3,10 +3,13 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "commands.h"
 #include "help.h"
 #include "usage.h"
 
 namespace pecs::app {
+
+void print_json(const Json& json, int indent) { fmt::print("{}\n", text_of(json, indent)); }
 
 void Console::add_to(CLI::App& app) {
   if (app.get_prefix_command()) return;

@@ -153,14 +153,10 @@ void convert(const ConvertArguments& o, Console& console) {
                                     {"decimate", s.decimate}},
                          .inputs = {o.in},
                          .results = results});
-  if (o.json)
-    fmt::print("{}\n", text_of(results));
-  else
-    fmt::print("{}: {} of {} events, {}x{} pixels, {}{}\n", o.out, written.events, read.events, info.width, info.height,
-               to.name,
-               o.read.late == Late::keep
-                   ? ""
-                   : fmt::format(", {} late ones {}", reader->late(), sorts ? "sorted" : "dropped"));
+  if (o.json) return print_json(results);
+  fmt::print(
+      "{}: {} of {} events, {}x{} pixels, {}{}\n", o.out, written.events, read.events, info.width, info.height, to.name,
+      o.read.late == Late::keep ? "" : fmt::format(", {} late ones {}", reader->late(), sorts ? "sorted" : "dropped"));
 }
 
 }  // namespace

@@ -150,10 +150,8 @@ void add_info(CLI::App& app, Console&) {
       throw bad_usage(o->format ? "--format" : o->read.time_unit ? "--time-unit" : "--size", o->path, "an event file");
     if (o->fps && !is_stack) throw bad_usage("--fps", o->path, "a stack without stack.json");
     const Json info = is_stack ? stack_info(o->path, o->fps) : event_file_info(o->path, o->format, o->read);
-    if (o->json)
-      fmt::print("{}\n", text_of(info));
-    else
-      (is_stack ? print_stack : print_events)(o->path, info);
+    if (o->json) return print_json(info);
+    (is_stack ? print_stack : print_events)(o->path, info);
   });
 }
 

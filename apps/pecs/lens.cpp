@@ -136,10 +136,8 @@ void add_lens_info(CLI::App& parent) {
     o->info.focus_m = o->focus_m;
     o->info.stop = o->stop;
     const Json report = lens::info(lens::load_prescription(o->lens), o->info);
-    if (o->json)
-      fmt::print("{}\n", text_of(report, 2));
-    else
-      print_text(report, o->info);
+    if (o->json) return print_json(report, 2);
+    print_text(report, o->info);
   });
 }
 
@@ -176,10 +174,7 @@ void add_lens_pupil(CLI::App& parent, Console& console) {
           o->output,
           {.command = "lens pupil", .config = results, .inputs = {prescription.file}, .results = Json::object()});
     }
-    if (o->json) {
-      fmt::print("{}\n", text_of(report, 2));
-      return;
-    }
+    if (o->json) return print_json(report, 2);
     fmt::print("{}: {} nm, film z {:.6g} mm, direction plane z {:.6g} mm, missed {:.2g}\n", prescription.name,
                o->info.lambda_nm, report["film_z_mm"].get<double>(), report["plane_z_mm"].get<double>(),
                report["missed_fraction"].get<double>());

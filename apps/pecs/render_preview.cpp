@@ -187,10 +187,8 @@ void run(const PreviewArguments& a, Console& console) {
                        {"display", or_null(a.display.display)},
                        {"view", or_null(a.display.view)}};
   console.record(output, {.command = "render-preview", .config = config, .inputs = {a.stack}, .results = result});
-  if (a.json)
-    fmt::print("{}\n", text_of(result, 2));
-  else
-    fmt::print("{}: {} frame{}\n", a.output, result["frames"].get<std::int64_t>(), result["frames"] == 1 ? "" : "s");
+  if (a.json) return print_json(result, 2);
+  fmt::print("{}: {} frame{}\n", a.output, result["frames"].get<std::int64_t>(), result["frames"] == 1 ? "" : "s");
 }
 
 }  // namespace

@@ -35,10 +35,8 @@ void run(const ReportArguments& a, Console& console) {
   const Json summary = view::write_report_page(inputs, a.output);
   const Json config = {{"window_us", or_null(inputs.compare.window_us)}};
   console.record(a.output, {"report", config, files, summary});
-  if (a.json)
-    fmt::print("{}\n", text_of(summary, 2));
-  else
-    fmt::print("{}\n", a.output);
+  if (a.json) return print_json(summary, 2);
+  fmt::print("{}\n", a.output);
 }
 
 }  // namespace

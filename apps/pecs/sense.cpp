@@ -201,10 +201,7 @@ sensor::SenseReport run(SenseArguments& o, const Console& console) {
 
 void print(const SenseArguments& o, const sensor::SenseReport& report, const Console& console) {
   const Json& r = report.results;
-  if (o.json) {
-    fmt::print("{}\n", text_of(r));
-    return;
-  }
+  if (o.json) return print_json(r);
   std::string line = fmt::format("{}: {} events, {}x{}", o.output.string(), r["events"].get<std::int64_t>(),
                                  r["width"].get<int>(), r["height"].get<int>());
   const auto add_share = [&](const char* key, const char* text) {

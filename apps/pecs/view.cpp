@@ -79,10 +79,7 @@ void run(const ViewArguments& a, Console& console) {
                        {"fps", a.fps},         {"limit", a.limit}};
   console.record(output, {.command = "view", .config = config, .inputs = {a.events}, .results = result});
 
-  if (a.json) {
-    fmt::print("{}\n", text_of(result, 2));
-    return;
-  }
+  if (a.json) return print_json(result, 2);
   fmt::print("{}: {} events in {:.3f} ms", a.output, recording.events.size(),
              static_cast<double>(recording.span_us) * 1e-3);
   if (result.contains("slow_motion"))
