@@ -87,9 +87,7 @@ void add_board(CLI::App& app, Console& console) {
                                           {"spacing_mm", o->spacing_mm},
                                           {"asymmetric", o->asymmetric},
                                           {"disk_mm", o->diameter_mm},
-                                          {"sectors", o->sectors}},
-                               .inputs = {},
-                               .results = Json::object()});
+                                          {"sectors", o->sectors}}});
     fmt::print("{}: print it at 100 % and measure the ruler\n", o->output);
   });
 }

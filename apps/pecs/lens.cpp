@@ -170,9 +170,7 @@ void add_lens_pupil(CLI::App& parent, Console& console) {
                     o->width_px);
       Json results = report;
       results.erase("pupil");
-      console.record(
-          o->output,
-          {.command = "lens pupil", .config = results, .inputs = {prescription.file}, .results = Json::object()});
+      console.record(o->output, {.command = "lens pupil", .config = results, .inputs = {prescription.file}});
     }
     if (o->json) return print_json(report, 2);
     fmt::print("{}: {} nm, film z {:.6g} mm, direction plane z {:.6g} mm, missed {:.2g}\n", prescription.name,
@@ -215,10 +213,8 @@ void add_lens_convert(CLI::App& parent, Console& console) {
       throw Error(ExitCode::usage, o->output + ": unknown extension; use .json or .dat");
     }
     write_file(o->output, text);
-    console.record(o->output, {.command = "lens convert",
-                               .config = {{"lambda_nm", o->lambda_nm}},
-                               .inputs = {prescription.file},
-                               .results = Json::object()});
+    console.record(o->output,
+                   {.command = "lens convert", .config = {{"lambda_nm", o->lambda_nm}}, .inputs = {prescription.file}});
   });
 }
 
@@ -289,8 +285,7 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
                                           {"film_width_mm", o->film.film_width_mm},
                                           {"film_height_mm", o->film.film_height_mm},
                                           {"rays", o->draw.rays_per_fan}},
-                               .inputs = {prescription.file},
-                               .results = Json::object()});
+                               .inputs = {prescription.file}});
   });
 }
 

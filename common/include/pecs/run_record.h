@@ -10,11 +10,11 @@
 namespace pecs {
 
 struct RunRecord {
-  std::string command;                        // the program's subcommand
-  Json config;                                // resolved, with all defaults
-  std::vector<std::filesystem::path> inputs;  // hashed (sha256) when written; a folder by its stack.json
-  Json results;                               // counts, rates, …
-  std::vector<std::string> arguments = {};    // as given
+  std::string command;                             // the program's subcommand
+  Json config;                                     // resolved, with all defaults
+  std::vector<std::filesystem::path> inputs = {};  // hashed (sha256) when written; a folder by its stack.json
+  Json results = Json::object();                   // counts, rates, …
+  std::vector<std::string> arguments = {};         // as given
 };
 
 void write_run_record(const std::filesystem::path& output, const RunRecord& record);
