@@ -333,8 +333,8 @@ void add_align(CLI::App& app, Console& console) {
   align->add_option("--sim", a->sim, "events simulated from the scene, which correct the result");
   align->add_option("--sim-of", a->sim_of, "aligned.json of the simulation (default: the scene's values)");
   align->add_option("--camera", a->camera, "camera from `pecs align intrinsics` instead of the scene's lens");
-  align->add_option("--pixel-pitch", a->pixel_pitch_um, "pixel pitch of a sensor other than 1280 x 720 of 4.86um")
-      ->transform(quantity("um"));
+  add_quantity(*align, "--pixel-pitch", a->pixel_pitch_um, "um",
+               "pixel pitch of a sensor other than 1280 x 720 of 4.86um");
   align->add_option("--views", a->search.views, "times at which to search a board")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
@@ -381,12 +381,10 @@ void add_align(CLI::App& app, Console& console) {
       ->capture_default_str();
   command->add_flag("--tangential", i->options.tangential, "also tangential distortion");
   command->add_option("--lens", i->lens.lens, "lens prescription (name or file) to compare the distortion with");
-  command->add_option("--focus", i->lens.focus_m, "object distance of the lens (default: infinity)")
-      ->transform(quantity("m"));
-  command->add_option("--stop-diameter", i->lens.stop_diameter_mm, "stop diameter of the lens (default: wide open)")
-      ->transform(quantity("mm"));
-  command->add_option("--pixel-pitch", i->lens.pixel_pitch_um, "pixel pitch of the sensor")
-      ->transform(quantity("um"))
+  add_quantity(*command, "--focus", i->lens.focus_m, "m", "object distance of the lens (default: infinity)");
+  add_quantity(*command, "--stop-diameter", i->lens.stop_diameter_mm, "mm",
+               "stop diameter of the lens (default: wide open)");
+  add_quantity(*command, "--pixel-pitch", i->lens.pixel_pitch_um, "um", "pixel pitch of the sensor")
       ->capture_default_str();
   add_output(*command, "-o,--output", i->output, "camera (JSON file)");
   add_output(*command, "--picture", i->picture, "coverage map (PNG)");

@@ -22,10 +22,8 @@ void add_bands(CLI::App& app, Console&) {
   sub->add_option(
       "--illuminant", o->illuminant,
       "lamp: a name from lens_data/spectra, a CSV file (wavelength in nm, power), blackbody:T or daylight:T");
-  sub->add_option("--min-wavelength", o->min_nm, "shortest wavelength (default: where QE and lamp begin)")
-      ->transform(quantity("nm"));
-  sub->add_option("--max-wavelength", o->max_nm, "longest wavelength (default: where QE and lamp end)")
-      ->transform(quantity("nm"));
+  add_quantity(*sub, "--min-wavelength", o->min_nm, "nm", "shortest wavelength (default: where QE and lamp begin)");
+  add_quantity(*sub, "--max-wavelength", o->max_nm, "nm", "longest wavelength (default: where QE and lamp end)");
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub,
                {"pecs bands -n 6", "pecs bands --chip davis346 --illuminant blackbody:2856 --max-wavelength 700nm"});

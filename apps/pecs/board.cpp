@@ -41,15 +41,11 @@ void add_board(CLI::App& app, Console& console) {
   CLI::App* sub = app.add_subcommand("board", "a target to print: checkerboard, grid of circles, disk of sectors");
   sub->add_option("--squares", o->squares, "checkerboard of COLUMNSxROWS squares, black at the top left");
   sub->add_option("--circles", o->circles, "grid of COLUMNSxROWS black circles");
-  sub->add_option("--disk", o->diameter_mm, "diameter of a disk")
-      ->transform(quantity("mm"))
-      ->check(CLI::Range(1.0, 10000.0));
-  sub->add_option("--square", o->square_mm, "side of a square")
-      ->transform(quantity("mm"))
+  add_quantity(*sub, "--disk", o->diameter_mm, "mm", "diameter of a disk")->check(CLI::Range(1.0, 10000.0));
+  add_quantity(*sub, "--square", o->square_mm, "mm", "side of a square")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  sub->add_option("--spacing", o->spacing_mm, "distance of the circles in a row")
-      ->transform(quantity("mm"))
+  add_quantity(*sub, "--spacing", o->spacing_mm, "mm", "distance of the circles in a row")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
   sub->add_flag("--asymmetric", o->asymmetric, "every other row of circles half a spacing to the right");
@@ -57,8 +53,7 @@ void add_board(CLI::App& app, Console& console) {
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
   add_output(*sub, "-o,--output", o->output, "picture: .svg, .pdf or .png")->required();
-  sub->add_option("--width", o->width_px, "width of a .png")
-      ->transform(quantity("px"))
+  add_quantity(*sub, "--width", o->width_px, "px", "width of a .png")
       ->check(CLI::Range(16, 16384))
       ->capture_default_str();
   add_examples(*sub, {"pecs board --squares 9x6 --square 25mm -o board.pdf",

@@ -113,10 +113,9 @@ void add_chip(CLI::App& app, Console&) {
   add_examples(*chip, {"pecs chip info imx636 --lux 100 --fnumber 2"});
   CLI::App* sub = chip->add_subcommand("info", "print values with sources; with --lux, photocurrent and corner");
   sub->add_option("CHIP", o->chip, "chip profile: a name or a .json path")->required();
-  auto* lux =
-      sub->add_option("--lux", o->lux, "illuminance of the chip or, with --fnumber, of a surface, by 3000 K light")
-          ->transform(quantity("lx"))
-          ->check(positive());
+  auto* lux = add_quantity(*sub, "--lux", o->lux, "lx",
+                           "illuminance of the chip or, with --fnumber, of a surface, by 3000 K light")
+                  ->check(positive());
   auto* fnumber = sub->add_option("--fnumber", o->fnumber, "f-number of the lens")->check(positive())->needs(lux);
   sub->add_option("--reflectance", o->reflectance, "of the surface, with --fnumber")
       ->check(CLI::Range(0.001, 1.0))

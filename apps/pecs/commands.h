@@ -2,8 +2,8 @@
 // To add a subcommand: write <name>.cpp with `void add_<name>(CLI::App& app, Console& console)` that adds it and sets
 // its callback; add its name to PECS_COMMANDS and its file to CMakeLists.txt; write its page in docs/reference and name
 // the page in mkdocs.yml. The help of command and options begins in lower case and ends with examples (help.h).
-// Numbers with a unit take quantity() (units.h), files to write are added by add_output(); warnings and run records go
-// through Console. A callback reports failure by throwing pecs::Error.
+// Numbers with a unit are added by add_quantity() (units.h), files to write by add_output(); warnings and run records
+// go through Console. A callback reports failure by throwing pecs::Error.
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <optional>

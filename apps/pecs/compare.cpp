@@ -126,8 +126,8 @@ void add_compare(CLI::App& app, Console& console) {
       app.add_subcommand("compare", "score a simulation against a real recording (docs/reference/metrics.md)");
   command->add_option("REAL", a->real, "recording, any event format")->required();
   command->add_option("SIM", a->sim, "simulation, same sensor size")->required();
-  command->add_option("--window", a->window_us, "duration to compare, from the origin, e.g. 100ms (default: all)")
-      ->transform(quantity("us"))
+  add_quantity(*command, "--window", a->window_us, "us",
+               "duration to compare, from the origin, e.g. 100ms (default: all)")
       ->check(positive());
   command->add_option("--origin", a->origin, "origin of time: each stream's first event, or t = 0 of both")
       ->check(CLI::IsMember({"first-event", "zero"}))

@@ -175,9 +175,8 @@ void add_convert(CLI::App& app, Console& console) {
   sub->add_option("--format", o->format, "format of OUT, one of:" + names);
   sub->add_option("--topic", o->topic, "topic of the events in the ROS bag IN, otherwise in OUT");
   sub->add_option("--input-format", o->input_format, "format of IN, if it cannot be detected");
-  sub->add_option("--t-start", o->selection.t_start_us, "keep events from this time of IN on")
-      ->transform(quantity("us"));
-  sub->add_option("--t-end", o->selection.t_end_us, "keep events before this time of IN")->transform(quantity("us"));
+  add_quantity(*sub, "--t-start", o->selection.t_start_us, "us", "keep events from this time of IN on");
+  add_quantity(*sub, "--t-end", o->selection.t_end_us, "us", "keep events before this time of IN");
   sub->add_flag("--rezero", o->selection.rezero, "subtract the time of the first event kept");
   sub->add_option("--decimate", o->selection.decimate,
                   "keep every N-th pixel each way (x % N == N / 2) and divide coordinates by N: the same pixels on a "

@@ -139,9 +139,7 @@ void add_info(CLI::App& app, Console&) {
   sub->add_option("FILE", o->path, "event file, or folder of an EXR stack")->required();
   sub->add_option("--format", o->format, "format of FILE, if it cannot be detected");
   add_read_options(*sub, o->read);
-  sub->add_option("--fps", o->fps, "frames per second of a stack without stack.json")
-      ->transform(quantity("Hz"))
-      ->check(positive());
+  add_quantity(*sub, "--fps", o->fps, "Hz", "frames per second of a stack without stack.json")->check(positive());
   sub->add_flag("--json", o->json, "machine-readable output");
   add_examples(*sub, {"pecs info events.raw", "pecs info out/stack --json"});
   sub->callback([o] {

@@ -31,8 +31,7 @@ struct LensArguments {
   int width_px = 1920;
 
   void add_width_to(CLI::App& command) {
-    command.add_option("--width", width_px, "width of a .png")
-        ->transform(quantity("px"))
+    add_quantity(command, "--width", width_px, "px", "width of a .png")
         ->capture_default_str()
         ->check(CLI::Range(16, 16384));
   }
@@ -40,31 +39,21 @@ struct LensArguments {
     command.add_option("LENS", lens, "prescription (lens_data/SCHEMA.md), or a name from lens_data/lenses")->required();
   }
   void add_state_to(CLI::App& command) {
-    command.add_option("--focus", focus_m, "object distance from the entrance pupil (default: infinity)")
-        ->transform(quantity("m"));
+    add_quantity(command, "--focus", focus_m, "m", "object distance from the entrance pupil (default: infinity)");
     add_stop_to(command);
   }
   void add_stop_to(CLI::App& command) {
     auto* diameter =
-        command.add_option("--stop-diameter", stop.diameter_mm, "diameter of the stop (default: wide open)")
-            ->transform(quantity("mm"));
+        add_quantity(command, "--stop-diameter", stop.diameter_mm, "mm", "diameter of the stop (default: wide open)");
     command.add_option("--fnumber", stop.fnumber, "f-number instead of a diameter")->excludes(diameter);
   }
 };
 
-// --wavelength of one or several of them.
-template <class Target>
-CLI::Option* add_wavelength(CLI::App& command, Target& nm, const char* what) {
-  return command.add_option("--wavelength", nm, what)->transform(quantity("nm"));
-}
-
 void add_film(CLI::App& command, lens::InfoOptions& info) {
-  command.add_option("--film-width", info.film_width_mm, "film width")
-      ->transform(quantity("mm"))
+  add_quantity(command, "--film-width", info.film_width_mm, "mm", "film width")
       ->check(CLI::Range(1e-3, 1e3))
       ->capture_default_str();
-  command.add_option("--film-height", info.film_height_mm, "film height")
-      ->transform(quantity("mm"))
+  add_quantity(command, "--film-height", info.film_height_mm, "mm", "film height")
       ->check(CLI::Range(1e-3, 1e3))
       ->capture_default_str();
 }
@@ -119,12 +108,10 @@ void add_lens_info(CLI::App& parent) {
   CLI::App* command = parent.add_subcommand("info", "print focal lengths, f-number, pupils, field of view");
   o->add_to(*command);
   o->add_state_to(*command);
-  add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
+  add_quantity(*command, "--wavelength", o->info.lambda_nm, "nm", "wavelength")->capture_default_str();
   add_film(*command, o->info);
-  command
-      ->add_option("--bands", o->info.bands_nm,
-                   "wavelengths of the colours along the field, separated by commas (default: --wavelength)")
-      ->transform(quantity("nm"))
+  add_quantity(*command, "--bands", o->info.bands_nm, "nm",
+               "wavelengths of the colours along the field, separated by commas (default: --wavelength)")
       ->delimiter(',');
   command->add_option("--field-rows", o->info.field_rows, "film radii, axis to corner")
       ->capture_default_str()
@@ -151,7 +138,7 @@ void add_lens_pupil(CLI::App& parent, Console& console) {
       parent.add_subcommand("pupil", "print the pupil over the film radius: covering ellipse, exact area, irradiance");
   o->add_to(*command);
   o->add_state_to(*command);
-  add_wavelength(*command, o->info.lambda_nm, "wavelength")->capture_default_str();
+  add_quantity(*command, "--wavelength", o->info.lambda_nm, "nm", "wavelength")->capture_default_str();
   add_film(*command, o->info);
   add_output(*command, "-o,--output", o->output,
              "picture (.svg or .png) of exact pupils and ellipses at five film radii");
@@ -196,9 +183,9 @@ void add_lens_convert(CLI::App& parent, Console& console) {
       parent.add_subcommand("convert", "convert Zemax .zmx or pbrt .dat to JSON, or any lens to pbrt's .dat");
   o->add_to(*command);
   add_output(*command, "-o,--output", o->output, "file to write: .json, or .dat for pbrt")->required();
-  add_wavelength(*command, o->lambda_nm, "wavelength of pbrt's single index")->capture_default_str();
-  command->add_option("--focus", o->focus_m, "focus of pbrt's film distance (default: infinity)")
-      ->transform(quantity("m"));
+  add_quantity(*command, "--wavelength", o->lambda_nm, "nm", "wavelength of pbrt's single index")
+      ->capture_default_str();
+  add_quantity(*command, "--focus", o->focus_m, "m", "focus of pbrt's film distance (default: infinity)");
   add_examples(*command, {"pecs lens convert lens.zmx -o lens.json",
                           "pecs lens convert pecs_lab_15mm -o lens.dat --wavelength 550nm"});
   command->callback([o, &console] {
@@ -229,10 +216,8 @@ void add_lens_trace(CLI::App& parent) {
       "trace", "trace rays from stdin: x,y,z,dx,dy,dz in mm, first vertex z = 0, +z from object to film");
   o->add_to(*command);
   o->add_stop_to(*command);
-  add_wavelength(*command, o->lambda_nm, "wavelength")->capture_default_str();
-  command->add_option("--to-z", o->to_z_mm, "plane in which the traced rays are printed")
-      ->transform(quantity("mm"))
-      ->required();
+  add_quantity(*command, "--wavelength", o->lambda_nm, "nm", "wavelength")->capture_default_str();
+  add_quantity(*command, "--to-z", o->to_z_mm, "mm", "plane in which the traced rays are printed")->required();
   command->add_flag("--no-clip", o->no_clip, "ignore stop and housing");
   add_examples(*command, {"echo 0,0,-100,0,0,1 | pecs lens trace pecs_lab_15mm --to-z 40mm --wavelength 550nm"});
   command->callback([o] {
@@ -259,7 +244,9 @@ void add_lens_picture(CLI::App& parent, Console& console, const std::string& nam
   o->add_state_to(*command);
   add_output(*command, "-o,--output", o->output, "picture: .svg or .png")->required();
   o->add_width_to(*command);
-  add_wavelength(*command, o->draw.bands_nm, "wavelengths, separated by commas")->delimiter(',')->capture_default_str();
+  add_quantity(*command, "--wavelength", o->draw.bands_nm, "nm", "wavelengths, separated by commas")
+      ->delimiter(',')
+      ->capture_default_str();
   add_film(*command, o->film);
   command->add_option("--fields", o->draw.fields, "film points, as fractions of the film's half diagonal")
       ->delimiter(',')

@@ -201,8 +201,8 @@ void add_render_preview(CLI::App& app, Console& console) {
   command->add_option("--frame", a->frame, "png: frame to show")
       ->check(CLI::Range(0, 100'000'000))
       ->capture_default_str();
-  command->add_option("--exposure", a->exposure_ev, "exposure, relative to one that saturates 1 % of the first frame")
-      ->transform(quantity("EV"))
+  add_quantity(*command, "--exposure", a->exposure_ev, "EV",
+               "exposure, relative to one that saturates 1 % of the first frame")
       ->check(CLI::Range(-30.0, 30.0))
       ->capture_default_str();
   command->add_option(
@@ -214,21 +214,17 @@ void add_render_preview(CLI::App& app, Console& console) {
   auto* display =
       command->add_option("--display", a->display.display, "display of that config (default: that of the config)");
   auto* ocio = command->add_option("--ocio", a->display.ocio_config, "OpenColorIO config (default: $OCIO)");
-  command->add_option("--band", a->band_nm, "show only the nearest band, in false colour (default: colour)")
-      ->transform(quantity("nm"))
+  add_quantity(*command, "--band", a->band_nm, "nm", "show only the nearest band, in false colour (default: colour)")
       ->check(CLI::Range(100.0, 10000.0))
       ->excludes(view)
       ->excludes(display)
       ->excludes(ocio);
-  command->add_option("--fps", a->fps, "mp4: frames per second")
-      ->transform(quantity("Hz"))
+  add_quantity(*command, "--fps", a->fps, "Hz", "mp4: frames per second")
       ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
-  command
-      ->add_option("--every", a->every_us,
-                   "mp4: time between pictures; between frames, light follows the motion (default: all frames of "
-                   "uniform steps, 100 times over keyframes)")
-      ->transform(quantity("us"))
+  add_quantity(*command, "--every", a->every_us, "us",
+               "mp4: time between pictures; between frames, light follows the motion (default: all frames of "
+               "uniform steps, 100 times over keyframes)")
       ->check(positive());
   command->add_flag("--json", a->json, "machine-readable output");
   add_examples(*command, {"pecs render-preview out/stack -o first.png --exposure 1EV",

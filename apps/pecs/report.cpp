@@ -49,8 +49,8 @@ void add_report(CLI::App& app, Console& console) {
   command->add_option("--sim", a->sim, "simulated events, with their .run.json");
   command->add_option("--stack", a->stack, "EXR stack of the simulation");
   command->add_option("--lens-svg", a->lens_svg, "drawing of the lens by `pecs lens draw`");
-  command->add_option("--window", a->window_us, "duration to score, from each stream's first event, e.g. 100ms")
-      ->transform(quantity("us"))
+  add_quantity(*command, "--window", a->window_us, "us",
+               "duration to score, from each stream's first event, e.g. 100ms")
       ->check(positive());
   add_output(*command, "-o,--output", a->output, "HTML file to write")->required();
   command->add_flag("--json", a->json, "machine-readable output");

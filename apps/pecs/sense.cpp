@@ -61,9 +61,7 @@ void add_part(CLI::App* sub, input::PictureOptions& pictures) {
 }
 
 void add_frames(CLI::App* sub, SenseArguments* o) {
-  sub->add_option("--fps", o->times.fps, "frame rate of frames without timestamps")
-      ->transform(quantity("Hz"))
-      ->check(positive());
+  add_quantity(*sub, "--fps", o->times.fps, "Hz", "frame rate of frames without timestamps")->check(positive());
   sub->add_option("--times", o->times.file_us, "text file with the frames' timestamps, one per line");
   add_time_unit(*sub, o->times.unit, "unit of --times (default: us)");
   sub->add_option(
@@ -71,8 +69,7 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
       "colour space of pictures and video: srgb (default for integers), linear (for floats), gamma:G (light is "
       "value^G), or one of the OCIO config");
   sub->add_option("--ocio", o->pictures.ocio_config, "OpenColorIO config (default: $OCIO)");
-  sub->add_option("--photocurrent", o->light.photocurrent_a, "photocurrent of relative light 1 (white)")
-      ->transform(quantity("A"))
+  add_quantity(*sub, "--photocurrent", o->light.photocurrent_a, "A", "photocurrent of relative light 1 (white)")
       ->check(positive());
   sub->add_option("--bands", o->bands, "all, or mc:N: N bands drawn by their share of the light (Eq. 8-11)")
       ->check(CLI::Validator(
@@ -81,9 +78,8 @@ void add_frames(CLI::App* sub, SenseArguments* o) {
   add_part(sub, o->pictures);
   sub->add_flag("!--no-flow", o->pictures.flow,
                 "do not estimate the motion between pictures or frames of a video by optical flow");
-  sub->add_option("--rolling-shutter", o->pictures.rolling_shutter_us,
-                  "pictures or video whose rows are exposed one after another: time from the first row to the last")
-      ->transform(quantity("us"))
+  add_quantity(*sub, "--rolling-shutter", o->pictures.rolling_shutter_us, "us",
+               "pictures or video whose rows are exposed one after another: time from the first row to the last")
       ->check(positive());
   sub->add_flag("!--no-motion", o->motion, "do not interpolate between frames by the stack's layer motion");
   sub->add_option("--render-noise", o->render_noise,
@@ -123,8 +119,8 @@ void add_pixels(CLI::App* sub, SenseArguments* o) {
           ->capture_default_str();
   sub->add_option("--param", o->parameters, "KEY=VALUE: a parameter of the model, other than pecs (once per key)")
       ->allow_extra_args(false);
-  sub->add_option("--white", o->white_a, "photocurrent of white, for the other models (default: first frame's 99.5 %)")
-      ->transform(quantity("A"))
+  add_quantity(*sub, "--white", o->white_a, "A",
+               "photocurrent of white, for the other models (default: first frame's 99.5 %)")
       ->check(positive());
   o->own_readout =
       sub->add_option("--readout", o->readout, "chip (row arbiter, rate limit, time base) or ideal, as with --preset")
@@ -143,22 +139,19 @@ void add_window(CLI::App* sub, SenseArguments* o) {
   sub->add_option("--warmup-loops", o->window.warmup_loops,
                   "loops of a periodic stack to simulate before the output starts")
       ->check(CLI::Range(0, 1000000));
-  sub->add_option("--warmup", o->window.warmup_us,
-                  "light before the first frame, extrapolated, for pixels that have been on (random reference levels)")
-      ->transform(quantity("us"))
+  add_quantity(*sub, "--warmup", o->window.warmup_us, "us",
+               "light before the first frame, extrapolated, for pixels that have been on (random reference levels)")
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestWarmup_us));
-  sub->add_option("--start", o->window.start_us, "start of the output, from the first frame or the end of the warm-up")
-      ->transform(quantity("us"))
+  add_quantity(*sub, "--start", o->window.start_us, "us",
+               "start of the output, from the first frame or the end of the warm-up")
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
-  sub->add_option("--duration", o->window.duration_us, "duration of the output; a periodic stack is looped")
-      ->transform(quantity("us"))
+  add_quantity(*sub, "--duration", o->window.duration_us, "us", "duration of the output; a periodic stack is looped")
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 
 void add_view(CLI::App* sub, SenseArguments* o) {
   sub->add_flag("--view", o->view, "show the events as they come, on screen or, without a display, in OUTPUT.mp4");
-  o->shown = sub->add_option("--window", o->screen.picture_us, "duration of the events in one picture")
-                 ->transform(quantity("us"))
+  o->shown = add_quantity(*sub, "--window", o->screen.picture_us, "us", "duration of the events in one picture")
                  ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 40))
                  ->capture_default_str();
 }

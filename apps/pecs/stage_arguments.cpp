@@ -86,8 +86,7 @@ void add_stages(CLI::App& command, sensor::StageOptions& stages, std::optional<s
                                 "drop the first event of a burst and keep its trail");
   trail->excludes(stc)->excludes(keep);
   stc->excludes(keep);
-  command.add_option("--erc", stages.erc_hz, "event rate control: most events per second, in each 200 us")
-      ->transform(quantity("Hz"))
+  add_quantity(command, "--erc", stages.erc_hz, "Hz", "event rate control: most events per second, in each 200 us")
       ->check(CLI::Range(sensor::kErc_hz.min, sensor::kErc_hz.max));
   add_output(command, "--dropped", dropped,
              "NPY file of the events that mask (2), AFK (3), trail filter (4) and ERC (5) dropped: t, x, y, p, stage");

@@ -14,6 +14,13 @@ namespace pecs::app {
 // For transform() of an option for a number: converts its value to `unit`, a unit of units.json.
 CLI::Validator quantity(const std::string& unit);
 
+// Adds an option for a number in `unit`.
+template <class Number>
+CLI::Option* add_quantity(CLI::App& command, const std::string& name, Number& value, const std::string& unit,
+                          const std::string& help) {
+  return command.add_option(name, value, help)->transform(quantity(unit));
+}
+
 // All of "A:B:C", or nothing.
 template <class Number>
 std::optional<std::vector<Number>> numbers_of(std::string_view text, char between, std::size_t count) {

@@ -101,26 +101,21 @@ void add_view(CLI::App& app, Console& console) {
   auto* command = app.add_subcommand("view", "show events as a picture (.png), a video (.mp4) or a 3-D page (.html)");
   command->add_option("EVENTS", a->events, "event file, any format")->required();
   add_output(*command, "-o,--output", a->output, "file to write: .png, .mp4 or .html")->required();
-  command->add_option("--from", a->from_us, "start, from the first event")
-      ->transform(quantity("us"))
+  add_quantity(*command, "--from", a->from_us, "us", "start, from the first event")
       ->check(CLI::Range(0.0, kLongest_us));
-  command->add_option("--to", a->to_us, "end, from the first event (default: all)")
-      ->transform(quantity("us"))
+  add_quantity(*command, "--to", a->to_us, "us", "end, from the first event (default: all)")
       ->check(CLI::Range(1.0, kLongest_us));
   const auto only = [&](const char* extensions, CLI::Option* option) { a->valid_for.emplace_back(option, extensions); };
-  only(".png or .mp4",
-       command
-           ->add_option("--window", a->window_us, "png, mp4: duration of the events in one picture (default: readable)")
-           ->transform(quantity("us"))
-           ->check(CLI::Range(1.0, kLongest_us)));
+  only(".png or .mp4", add_quantity(*command, "--window", a->window_us, "us",
+                                    "png, mp4: duration of the events in one picture (default: readable)")
+                           ->check(CLI::Range(1.0, kLongest_us)));
   only(".png", command->add_option("--count", a->count, "png: number of pictures")
                    ->check(CLI::Range(1, 100))
                    ->capture_default_str());
   only(".mp4",
        command->add_option("--slow-motion", a->slow_motion, "mp4: slow-motion factor (default: about 10 s of video)")
            ->check(CLI::Range(1.0, 1e7)));
-  only(".mp4", command->add_option("--fps", a->fps, "mp4: frames per second")
-                   ->transform(quantity("Hz"))
+  only(".mp4", add_quantity(*command, "--fps", a->fps, "Hz", "mp4: frames per second")
                    ->check(CLI::Range(1.0, 240.0))
                    ->capture_default_str());
   only(".html", command->add_option("--limit", a->limit, "html: maximum number of events, drawn at random")
