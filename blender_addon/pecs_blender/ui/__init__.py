@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels and operators. A module's Blender classes are registered in the order of their definition, then its register()
-is called, if it has one. Only field and live_sensor can be imported without Blender. Imports spectral, scene, camera,
+"""Panels and operators. Only field and live_sensor can be imported without Blender. Imports spectral, scene, camera,
 truth and job."""
 
 from importlib import import_module
@@ -37,21 +36,44 @@ def classes(module) -> list[type]:
     return [c for c in values if issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__]
 
 
-def register() -> None:
+def add(module) -> None:
+    """Registers what a module has of these: classes, in the order of their definition, PROPERTIES {(type, name):
+    property}, MENUS {menu: function that draws its entry} and on_load; then calls its register(), if it has one."""
     import bpy
 
+    for cls in classes(module):
+        bpy.utils.register_class(cls)
+    for (owner, name), value in getattr(module, "PROPERTIES", {}).items():
+        setattr(owner, name, value)
+    for menu, draw in getattr(module, "MENUS", {}).items():
+        getattr(bpy.types, menu).append(draw)
+    if hasattr(module, "on_load"):
+        bpy.app.handlers.load_pre.append(module.on_load)
+    if hasattr(module, "register"):
+        module.register()
+
+
+def remove(module) -> None:
+    """Undoes `add`, after the module's unregister()."""
+    import bpy
+
+    if hasattr(module, "unregister"):
+        module.unregister()
+    if hasattr(module, "on_load"):
+        bpy.app.handlers.load_pre.remove(module.on_load)
+    for menu, draw in getattr(module, "MENUS", {}).items():
+        getattr(bpy.types, menu).remove(draw)
+    for owner, name in getattr(module, "PROPERTIES", {}):
+        delattr(owner, name)
+    for cls in reversed(classes(module)):
+        bpy.utils.unregister_class(cls)
+
+
+def register() -> None:
     for module in modules():
-        for cls in classes(module):
-            bpy.utils.register_class(cls)
-        if hasattr(module, "register"):
-            module.register()
+        add(module)
 
 
 def unregister() -> None:
-    import bpy
-
     for module in reversed(modules()):
-        if hasattr(module, "unregister"):
-            module.unregister()
-        for cls in reversed(classes(module)):
-            bpy.utils.unregister_class(cls)
+        remove(module)

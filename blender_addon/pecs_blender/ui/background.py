@@ -224,7 +224,7 @@ def _ending(job: BackgroundJob, code: int) -> str:
 
 
 @bpy.app.handlers.persistent
-def _on_load(*_) -> None:
+def on_load(*_) -> None:
     """Runs when another file is opened. A job for the open file (a preview, say) stops; other jobs continue."""
     disk.forget()
     state.light.clear()
@@ -241,10 +241,6 @@ def pop_up(text: str) -> None:
         bpy.context.window_manager.popup_menu(lambda menu, _: wrapped(menu.layout, text), title="PECS", icon=icon)
 
 
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_on_load)
-
-
 def unregister() -> None:
     if state.job:  # includes Blender's exit
         state.job.stop()
@@ -252,5 +248,4 @@ def unregister() -> None:
         _drop_queue()
     if bpy.app.timers.is_registered(poll):
         bpy.app.timers.unregister(poll)
-    bpy.app.handlers.load_pre.remove(_on_load)
     state.job, state.message, state.scores = None, "", {}

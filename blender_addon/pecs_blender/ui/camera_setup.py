@@ -248,9 +248,11 @@ def _add_menu(self, _context) -> None:
     self.layout.operator("pecs.add_camera", text="Event Camera", icon="OUTLINER_OB_CAMERA")
 
 
+PROPERTIES = {(bpy.types.Scene, "pecs_camera"): PointerProperty(type=PecsCamera)}
+MENUS = {"VIEW3D_MT_camera_add": _add_menu}
+
+
 def register() -> None:
-    bpy.types.Scene.pecs_camera = PointerProperty(type=PecsCamera)
-    bpy.types.VIEW3D_MT_camera_add.append(_add_menu)
     if not bpy.app.background:
         _handles.append(bpy.types.SpaceView3D.draw_handler_add(frustum.draw, (), "WINDOW", "POST_VIEW"))
 
@@ -260,5 +262,3 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
     if bpy.app.timers.is_registered(frustum._show):
         bpy.app.timers.unregister(frustum._show)
-    bpy.types.VIEW3D_MT_camera_add.remove(_add_menu)
-    del bpy.types.Scene.pecs_camera

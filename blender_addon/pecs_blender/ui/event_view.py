@@ -206,15 +206,9 @@ class PECS_OT_show_layer(Action, bpy.types.Operator):
 
 
 @bpy.app.handlers.persistent
-def _on_load(*_) -> None:
+def on_load(*_) -> None:
     """Runs when another file is opened."""
     hide()
 
 
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_on_load)
-
-
-def unregister() -> None:
-    hide()
-    bpy.app.handlers.load_pre.remove(_on_load)
+unregister = hide

@@ -84,9 +84,4 @@ class PECS_OT_set_lux(Action, bpy.types.Operator):
         context.scene.pecs.light_scale = measured["light_scale"] * wanted / measured["lux"]["median"]
 
 
-def register() -> None:
-    bpy.types.Scene.pecs_light = bpy.props.PointerProperty(type=PecsLight)
-
-
-def unregister() -> None:
-    del bpy.types.Scene.pecs_light
+PROPERTIES = {(bpy.types.Scene, "pecs_light"): bpy.props.PointerProperty(type=PecsLight)}

@@ -132,7 +132,7 @@ class PECS_PT_live(bpy.types.Panel):
 
 
 @bpy.app.handlers.persistent
-def _stop(*_) -> None:
+def on_load(*_) -> None:
     """Runs when another file is opened."""
     live_view.end(state.view)
 
@@ -143,14 +143,6 @@ def _in_view_menu(self, _context) -> None:
     self.layout.operator("pecs.live")
 
 
-def register() -> None:
-    bpy.types.VIEW3D_MT_view.append(_in_view_menu)
-    bpy.types.Scene.pecs_live = PointerProperty(type=PecsLive)
-    bpy.app.handlers.load_pre.append(_stop)
-
-
-def unregister() -> None:
-    _stop()
-    bpy.app.handlers.load_pre.remove(_stop)
-    bpy.types.VIEW3D_MT_view.remove(_in_view_menu)
-    del bpy.types.Scene.pecs_live
+unregister = on_load
+PROPERTIES = {(bpy.types.Scene, "pecs_live"): PointerProperty(type=PecsLive)}
+MENUS = {"VIEW3D_MT_view": _in_view_menu}

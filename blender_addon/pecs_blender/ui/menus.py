@@ -123,6 +123,7 @@ def _in_status_bar(self, _context) -> None:
         self.layout.label(text=textwrap.shorten(text, 80, placeholder="…"), icon=icon)
 
 
+MENUS = {"TOPBAR_MT_render": _in_render_menu, "STATUSBAR_HT_header": _in_status_bar}
 _keys: list[tuple] = []  # keymap and item
 
 
@@ -132,8 +133,6 @@ def register() -> None:
         _keys.append((properties, properties.keymap_items.new("pecs.stop", "ESC", "PRESS")))
         screen = ours.keymaps.new("Screen")  # beside F12 and Ctrl F12, Blender's own renders
         _keys.append((screen, screen.keymap_items.new("pecs.run", "F12", "PRESS", ctrl=True, shift=True)))
-    bpy.types.TOPBAR_MT_render.append(_in_render_menu)
-    bpy.types.STATUSBAR_HT_header.append(_in_status_bar)
     bpy.utils.register_manual_map(_manual_pages)
 
 
@@ -142,5 +141,3 @@ def unregister() -> None:
         keymap.keymap_items.remove(item)
     _keys.clear()
     bpy.utils.unregister_manual_map(_manual_pages)
-    bpy.types.STATUSBAR_HT_header.remove(_in_status_bar)
-    bpy.types.TOPBAR_MT_render.remove(_in_render_menu)

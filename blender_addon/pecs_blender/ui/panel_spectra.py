@@ -95,13 +95,4 @@ class PECS_PT_lamp(_Spectra, bpy.types.Panel):
     bl_context = "data"
 
 
-def register() -> None:
-    for holder, keys in _HOLDERS.items():
-        for key in keys:
-            setattr(holder, field(key), _property(key))
-
-
-def unregister() -> None:
-    for holder, keys in _HOLDERS.items():
-        for key in keys:
-            delattr(holder, field(key))
+PROPERTIES = {(holder, field(key)): _property(key) for holder, keys in _HOLDERS.items() for key in keys}

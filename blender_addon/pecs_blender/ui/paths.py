@@ -67,14 +67,6 @@ def extension(event_format: str) -> str:
 
 
 @bpy.app.handlers.persistent
-def _on_load(*_) -> None:
+def on_load(*_) -> None:
     """Runs when another file is opened."""
     state.unsaved = None
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_on_load)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_on_load)

@@ -574,9 +574,4 @@ def _stage_arguments(sensor) -> list[str]:
     return words + (["--mask", bpy.path.abspath(sensor.mask)] if sensor.mask else [])
 
 
-def register() -> None:
-    bpy.types.Scene.pecs = PointerProperty(type=PecsSettings)
-
-
-def unregister() -> None:
-    del bpy.types.Scene.pecs
+PROPERTIES = {(bpy.types.Scene, "pecs"): PointerProperty(type=PecsSettings)}

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..job.options import add_argument
-from . import classes, preferences, settings
+from . import add, preferences, settings
 
 OTHERWISE = {"chip", "fnumber", "focus_m", "light_scale"}  # keys of a recipe elsewhere than in [render]
 NO_KEYS = {"film_width_mm", "film_shift_mm", "min_nm", "max_nm", "moving_px", "seed", "threads"}
@@ -19,9 +19,7 @@ def stored(scene: bpy.types.Scene) -> dict[str, Any] | None:
     """By the keys of a recipe; None if the panel was never used. left_out: settings that a recipe has no key for."""
     if not hasattr(bpy.types.Scene, "pecs"):
         for module in (preferences, settings):
-            for cls in classes(module):
-                bpy.utils.register_class(cls)
-        settings.register()
+            add(module)
     if not scene.is_property_set("pecs"):
         return None
     panel = scene.pecs
