@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <hwy/targets.h>
 
-#include <filesystem>
 #include <thread>
 
 #include "commands.h"

@@ -1,9 +1,7 @@
 // One suite over every pixel model, and each of the other simulators' models against its formula.
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cmath>
-#include <memory>
 #include <set>
 
 #include "clip.h"

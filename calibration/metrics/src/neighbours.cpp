@@ -79,7 +79,6 @@ HWY_AFTER_NAMESPACE();
 
 #include <algorithm>
 #include <array>
-#include <memory>
 
 namespace pecs::metrics {
 namespace {

@@ -6,12 +6,10 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <tuple>
-#include <utility>
 
 #include "buffer_size.h"
 #include "checked_writer.h"

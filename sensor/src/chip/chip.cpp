@@ -7,7 +7,6 @@
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <map>
 #include <ranges>
 #include <set>
 
