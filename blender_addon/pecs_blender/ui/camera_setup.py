@@ -13,7 +13,7 @@ from mathutils import Matrix, Vector
 
 from ..job.resolve import film_width_mm_of
 from . import field, frustum, library, settings
-from .interface import Action, props
+from .interface import Edit, props
 
 BEFORE = "pecs_before"  # custom property of the camera with its state before set_up
 OF_CAMERA = ("type", "sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y")
@@ -114,7 +114,7 @@ class PecsCamera(bpy.types.PropertyGroup):
     )
 
 
-class _SetUp(Action):
+class _SetUp(Edit):
     """Operator with its own lens, chip, f-number and focus; unset ones come from the panel."""
 
     def draw(self, _context) -> None:
@@ -159,7 +159,6 @@ class PECS_OT_setup_camera(_SetUp, bpy.types.Operator):
     """Set the scene's camera to the film size, resolution and field of view of the chip and lens"""
 
     bl_label = "Set Up Event Camera"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def why_not(cls, context) -> str:
@@ -174,7 +173,6 @@ class PECS_OT_add_camera(_SetUp, bpy.types.Operator):
     """Add a camera with the film size, resolution and field of view of the chip and lens"""
 
     bl_label = "Add Event Camera"
-    bl_options = {"REGISTER", "UNDO"}
 
     def act(self, context) -> str:
         scene = context.scene
@@ -198,11 +196,10 @@ PECS_OT_setup_camera.__annotations__ = dict(_CHOICES)
 PECS_OT_add_camera.__annotations__ = dict(_CHOICES)
 
 
-class PECS_OT_restore_camera(Action, bpy.types.Operator):
+class PECS_OT_restore_camera(Edit, bpy.types.Operator):
     """Restore the camera, resolution and lens from before the setup"""
 
     bl_label = "Restore Camera"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context) -> bool:

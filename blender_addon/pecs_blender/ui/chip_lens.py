@@ -9,14 +9,13 @@ import pecs
 from bpy.props import IntProperty, StringProperty
 
 from . import checks, library, paths, settings
-from .interface import AUTO, Action
+from .interface import AUTO, Action, Edit
 
 
-class PECS_OT_chip_resolution(Action, bpy.types.Operator):
+class PECS_OT_chip_resolution(Edit, bpy.types.Operator):
     """Set the scene's resolution to that of the chip"""
 
     bl_label = "Use Chip Resolution"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def why_not(cls, context) -> str:
@@ -31,14 +30,11 @@ class PECS_OT_chip_resolution(Action, bpy.types.Operator):
         settings.set_size(context.scene.render, chip.width, chip.height)
 
 
-class PECS_OT_whole_range(Action, bpy.types.Operator):
+class PECS_OT_whole_range(Edit, bpy.types.Operator):
     """Render from the scene's start frame to its end frame"""
 
     bl_label = "Use Scene Frame Range"
-    bl_options = {"REGISTER", "UNDO"}
-
-    def act(self, context) -> None:
-        context.scene.pecs.whole_range = True
+    setting = "whole_range", True
 
 
 class PECS_OT_use_gpu(Action, bpy.types.Operator):
@@ -55,37 +51,31 @@ class PECS_OT_use_gpu(Action, bpy.types.Operator):
         context.scene.pecs.device = checks.spare_gpu(context.scene)
 
 
-class PECS_OT_keep_noise(Action, bpy.types.Operator):
+class PECS_OT_keep_noise(Edit, bpy.types.Operator):
     """Render without denoising. More samples reduce the noise"""
 
     bl_label = "Keep Render Noise"
     bl_options = {"UNDO", "INTERNAL"}
-
-    def act(self, context) -> None:
-        context.scene.pecs.no_denoise = True
+    setting = "no_denoise", True
 
 
-class _OnLens(Action):
+class _OnLens:
     @classmethod
     def why_not(cls, context) -> str:
         return "" if settings.has_lens(context.scene.pecs) else "Choose a lens first"
 
 
-class PECS_OT_wide_open(_OnLens, bpy.types.Operator):
+class PECS_OT_wide_open(_OnLens, Edit, bpy.types.Operator):
     """Open the lens to its maximum aperture"""
 
     bl_label = "Use Wide-Open Aperture"
-    bl_options = {"REGISTER", "UNDO"}
-
-    def act(self, context) -> None:
-        context.scene.pecs.fnumber = 0
+    setting = "fnumber", 0
 
 
-class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
+class PECS_OT_match_lens(_OnLens, Edit, bpy.types.Operator):
     """Set the scene's camera to the lens's angle of view, so that the viewport shows the lens's image"""
 
     bl_label = "Match Camera to Lens"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def why_not(cls, context) -> str:
@@ -100,7 +90,7 @@ class PECS_OT_match_lens(_OnLens, bpy.types.Operator):
         settings.set_pinhole(context.scene.camera.data, width_mm, height_mm, width_mm / 2 / math.tan(half))
 
 
-class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
+class PECS_OT_draw_lens(_OnLens, Action, bpy.types.Operator):
     """Draw a cross-section of the lens with its rays (SVG) and open it in the browser"""
 
     bl_label = "Draw Lens"
@@ -113,10 +103,8 @@ class PECS_OT_draw_lens(_OnLens, bpy.types.Operator):
         return paths.open_outside(path)
 
 
-class _Pick(Action):
+class _Pick(Edit):
     """Chooses a file for the setting `kind`."""
-
-    bl_options = {"REGISTER", "UNDO"}
 
     def invoke(self, context, _event):
         context.window_manager.fileselect_add(self)
@@ -151,11 +139,10 @@ PECS_OT_pick_lens.__annotations__ = _file("*.json;*.zmx;*.dat")
 PECS_OT_pick_chip.__annotations__ = _file("*.json")
 
 
-class PECS_OT_use_preset(Action, bpy.types.Operator):
+class PECS_OT_use_preset(Edit, bpy.types.Operator):
     """Use the values of the chip"""
 
     bl_label = "Use Published Setting"
-    bl_options = {"REGISTER", "UNDO"}
 
     name: StringProperty(name="Name", options={"SKIP_SAVE"})
 
@@ -194,11 +181,10 @@ def _keys(_self, context, text: str) -> list[tuple[str, str]]:
     return [(key, f"{p['value']:g} {p['unit']}") for key, p in known.items() if text.lower() in key]
 
 
-class PECS_OT_override_add(Action, bpy.types.Operator):
+class PECS_OT_override_add(Edit, bpy.types.Operator):
     """Override a parameter of the chip or pixel model"""
 
     bl_label = "Override Parameter"
-    bl_options = {"REGISTER", "UNDO"}
     bl_property = "name"
 
     name: StringProperty(name="Parameter", search=_keys, options={"SKIP_SAVE"})

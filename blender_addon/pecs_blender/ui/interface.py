@@ -139,3 +139,13 @@ class Action:
         if message:
             self.report({"INFO"}, message)
         return {"FINISHED"}
+
+
+class Edit(Action):
+    """An Action that Blender can undo. `setting`: an attribute of the PECS settings, and the value that it gets."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    setting: tuple = ()
+
+    def act(self, context) -> str | None:
+        setattr(context.scene.pecs, *self.setting)

@@ -13,7 +13,7 @@ from bpy.props import FloatProperty
 from ..job.brightness import light_rows
 from . import operators, paths, settings
 from .background import BackgroundJob, state
-from .interface import Action
+from .interface import Edit
 
 DIM_HZ = 100.0  # corner of the photoreceptor below which moving edges blur
 
@@ -64,11 +64,10 @@ def rows(measured: dict[str, Any], scale: float = 1.0) -> list[tuple[str, str]]:
     return [(what.title(), value) for what, value in light_rows(measured, scale)]
 
 
-class PECS_OT_set_lux(Action, bpy.types.Operator):
+class PECS_OT_set_lux(Edit, bpy.types.Operator):
     """Set the light scale for the target illuminance"""
 
     bl_label = "Set Light Scale"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def why_not(cls, context) -> str:

@@ -19,7 +19,7 @@ from ..spectral.spectral_scene import beyond_reach
 from . import settings
 from .background import state
 from .checks import Problem
-from .interface import Action
+from .interface import Action, Edit
 
 TIMES = 8  # sampled times of the rendered range
 MOST_PX = 1.0  # motion between frames above which the light jumps
@@ -177,18 +177,14 @@ class PECS_OT_check_scene(Action, bpy.types.Operator):
         return f"{counted(len(problems), 'problem')} found" if problems else "No problems found"
 
 
-class _Fix(Action):
-    """Applies a fix, then repeats the checks. `setting`: the attribute of the PECS settings and its value."""
+class _Fix(Edit):
+    """Applies a fix, then repeats the checks."""
 
-    bl_options = {"REGISTER", "UNDO"}
-
-    def act(self, context) -> None:
-        self.fix(context.scene, context.view_layer)
+    def execute(self, context):
+        result = super().execute(context)
         if context.scene.name in state.problems:
             state.problems[context.scene.name] = check(context.scene, context.view_layer)
-
-    def fix(self, scene, _view_layer) -> None:
-        setattr(scene.pecs, *self.setting)
+        return result
 
 
 class PECS_OT_use_adaptive(_Fix, bpy.types.Operator):
@@ -217,6 +213,6 @@ class PECS_OT_extend_clip_end(_Fix, bpy.types.Operator):
 
     bl_label = "Extend Clip End"
 
-    def fix(self, scene, view_layer) -> None:
-        camera = scene.camera
-        camera.data.clip_end = max(camera.data.clip_end, 1.1 * _farthest(camera, view_layer))
+    def act(self, context) -> None:
+        camera = context.scene.camera
+        camera.data.clip_end = max(camera.data.clip_end, 1.1 * _farthest(camera, context.view_layer))
