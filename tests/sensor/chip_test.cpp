@@ -107,11 +107,6 @@ TEST(Chip, PhotocurrentOfLux) {
   EXPECT_NEAR(photocurrent_of_lux(load_chip("imx636"), 50)[0] / a, 50, 1e-9);
   EXPECT_NEAR(photocurrent_of_lux(load_chip("imx636", {"pixel_pitch_m=9.72e-6"}), 1)[0] / a, 4, 1e-9);
   EXPECT_EQ(lux_at_chip(100, 2, 0.5), 100 * 0.5 / 16);
-  // An ideal detector of unit QE from 300 to 1100 nm: 3000 K light has 21.5 lm/W in all, and .34 of its power there at
-  // a mean wavelength of 850 nm.
-  const double area_m2 = 1e-10, watts = 1 / 21.5 * 0.34, electrons_per_joule = 850e-9 / (6.626e-34 * 2.998e8);
-  EXPECT_NEAR(photocurrent_of_lux(load_chip("ideal"), 1)[0] / (area_m2 * watts * electrons_per_joule * 1.602e-19), 1,
-              0.15);
 }
 
 // Its own values and parts replace the other's whole: a new value needs its own source.

@@ -32,9 +32,9 @@ def profile(chip: str) -> dict:
     return {key: v["value"] for key, v in read(chip)["values"].items()}
 
 
-def corner_map(recording: str, chip: str, contrast: float, pixels: int = 1024) -> np.ndarray:
+def corner_map(recording: str, chip: str, contrast: float) -> np.ndarray:
     """The photoreceptor's corner in white, Hz [around, along], with which each region has its number of events."""
-    of, model = load_disk(Recording(recording, contrast)), Model(chip, pixels)
+    of, model = load_disk(Recording(recording, contrast)), Model(chip, pixels=1024)
     model.focus(of, {})
     return light_map(of, model.turning(of, {})).reshape(of.regions)
 

@@ -60,10 +60,10 @@ def first_delays_us(events: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
-def delays_us(chip: str, seed: int = 1, biases: dict[str, int] | None = None) -> dict[str, np.ndarray]:
+def delays_us(chip: str, biases: dict[str, int] | None = None) -> dict[str, np.ndarray]:
     """[irradiance, pixel, cycle] of a chip."""
     frames, t_us = square_wave(nist_fa(chip))
-    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=seed, readout="ideal", biases=biases or {})
+    events = pecs.simulate(frames, t_us, chip, photocurrent_a=1e-15, seed=1, readout="ideal", biases=biases or {})
     return first_delays_us(events)
 
 

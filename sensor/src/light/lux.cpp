@@ -2,7 +2,6 @@
 
 #include <numeric>
 
-#include "pecs/data_dir.h"
 #include "pecs/sensor/named_spectrum.h"
 #include "pecs/sensor/photocurrent.h"
 

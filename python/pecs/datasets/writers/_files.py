@@ -70,9 +70,9 @@ def stack(file: Any, name: str, count: int, shape: tuple[int, ...], dtype: str) 
 Columns = dict[str, tuple[str, Callable[[NDArray[Any]], NDArray[Any]]]]  # data set -> (type, of a block of events)
 
 
-def event_columns(group: str, t: str = "<i8", p: str = "u1") -> Columns:
-    """GROUP/{x, y, t, p}; `t`, `p`: types."""
-    types = {"x": "<u2", "y": "<u2", "t": t, "p": p}
+def event_columns(group: str, t: str = "<i8") -> Columns:
+    """GROUP/{x, y, t, p}; `t`: the type of t."""
+    types = {"x": "<u2", "y": "<u2", "t": t, "p": "u1"}
     return {f"{group}/{name}": (dtype, lambda e, name=name: e[name]) for name, dtype in types.items()}
 
 
