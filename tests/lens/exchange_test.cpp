@@ -72,6 +72,36 @@ TEST(Zemax, WhatItCannotHoldIsRefusedByLine) {
   refused("  STOP\n", "", "STOP");
   refused("DISZ 4", "DISZ four", "four");
   refused("UNIT MM", "UNIT FT", "FT");
+  for (const std::string key : {"CLAP 1 4 0", "OBSC 0 2 0", "SQAP 3 2", "OBDC 1 0"})
+    refused("  DIAM 5", "  " + key + "\n  DIAM 5", "line 20: got aperture " + key.substr(0, 4));
+}
+
+TEST(Zemax, AperturesBlockLight) {
+  const auto read = [](const std::string& from, const std::string& to) {
+    return load_prescription(write("clap.zmx", zmx(from, to)).string());
+  };
+  EXPECT_EQ(read("DIAM 12.7 0 0 0 1 \"\"\nSURF 5", "DIAM 12.7\n  CLAP 0 6 0\nSURF 5").surfaces[2].semi_diameter_mm, 6);
+  const Prescription baffle = read("DIAM 8 0 0 0 1 \"\"", "CLAP 0 4 0");  // the plane before the stop
+  ASSERT_EQ(baffle.surfaces.size(), 4u);
+  EXPECT_EQ(baffle.surfaces[0].semi_diameter_mm, 4);
+  EXPECT_EQ(baffle.surfaces[1].z_mm, 10);
+  const std::string aperture = "SURF 2\n  TYPE STANDARD\n  CLAP 0 3 0";
+  const auto pupil_mm = [&](const std::string& enpd) {
+    std::string text = zmx("SURF 2\n  TYPE STANDARD", aperture);
+    text.replace(text.find("UNIT"), 0, enpd);
+    return first_order(load_prescription(write("stop.zmx", text).string()), kLambdaD).entrance_pupil_diameter_mm;
+  };
+  EXPECT_NEAR(pupil_mm(""), 6, 1e-9);
+  EXPECT_NEAR(pupil_mm("ENPD 12\n"), 6, 1e-9);
+  EXPECT_NEAR(pupil_mm("ENPD 4\n"), 4, 1e-9);
+}
+
+TEST(Zemax, ConfigurationsAreNoted) {
+  const auto notes = [](const std::string& to) {
+    return load_prescription(write("mnum.zmx", zmx("GCAT", to + "\nGCAT")).string()).notes;
+  };
+  EXPECT_TRUE(notes("MNUM 1 1").empty());
+  ASSERT_EQ(notes("MNUM 3 2").size(), 1u);
 }
 
 TEST(Pbrt, RoundTripKeepsTheRays) {

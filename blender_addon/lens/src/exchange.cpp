@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <set>
 #include <sstream>
 
 #include "pecs/error.h"
@@ -35,6 +36,8 @@ std::vector<std::string> words_of(const std::string& line) {
 }
 
 constexpr int kMaxParameter = 8;  // of an asphere's PARM lines
+const std::map<std::string, double> kUnitsMm{{"MM", 1}, {"CM", 10}, {"IN", 25.4}, {"METER", 1000}};
+const std::set<std::string> kShapes{"SQAP", "ELAP", "UDAD", "OBSC", "SQOB", "ELOB", "SPID"};  // and obscurations
 
 struct Place {
   std::string file;
@@ -53,10 +56,13 @@ struct Place {
 struct ZemaxSurface {
   std::string type = "STANDARD", glass;
   double curvature = 0, thickness = 0, semi = 0, conic = 0, nd = 0, vd = 0;
-  int solve = 0;  // of the glass: 0: by its name, 1: a model of these nd and Vd, 2: that of another surface
+  double clear = 0;  // radius of its own aperture (CLAP); 0: none
+  int solve = 0;     // of the glass: 0: by its name, 1: a model of these nd and Vd, 2: that of another surface
   std::map<int, double> parameters;
   bool stop = false;
   Place place;
+  std::string shape;  // keyword of an aperture that is no open circle on the axis
+  Place shape_place;
 };
 
 Json medium_of(const ZemaxSurface& s, const std::vector<std::string>& catalogs, std::vector<std::string>& notes) {
@@ -100,7 +106,8 @@ struct ZemaxFile {
   std::string name;
   double unit_mm = 1;
   std::vector<std::string> catalogs;
-  double pupil_mm = 0, fnumber = 0;    // the system's aperture, where it is one of these
+  double pupil_mm = 0, fnumber = 0;  // the system's aperture, where it is one of these
+  std::string configurations = "1";
   std::vector<ZemaxSurface> surfaces;  // the object first, the image last
 };
 
@@ -115,18 +122,14 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
     const std::string& key = words[0];
     if (key == "MODE" && words.size() > 1 && words[1] != "SEQ") place.fail("mode " + words[1], "sequential (SEQ)");
     if (key == "UNIT" && words.size() > 1) {
-      if (words[1] == "MM")
-        zemax.unit_mm = 1;
-      else if (words[1] == "CM")
-        zemax.unit_mm = 10;
-      else if (words[1] == "IN")
-        zemax.unit_mm = 25.4;
-      else
-        place.fail("unit " + words[1], "MM, CM or IN");
+      const auto unit = kUnitsMm.find(words[1]);
+      if (unit == kUnitsMm.end()) place.fail("unit " + words[1], "MM, CM, IN or METER");
+      zemax.unit_mm = unit->second;
     }
     if (key == "NAME") zemax.name = line.substr(line.find("NAME") + 4);
     if (key == "ENPD") zemax.pupil_mm = place.number(words, 1);
     if (key == "FNUM") zemax.fnumber = place.number(words, 1);
+    if (key == "MNUM" && words.size() > 1) zemax.configurations = words[1];
     if (key == "GCAT") zemax.catalogs.assign(words.begin() + 1, words.end());
     if (key == "SURF") {
       zemax.surfaces.emplace_back();
@@ -141,6 +144,10 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
       s.thickness =
           words.size() > 1 && words[1] == "INFINITY" ? std::numeric_limits<double>::infinity() : place.number(words, 1);
     if (key == "DIAM") s.semi = place.number(words, 1);
+    if (key == "CLAP") s.clear = place.number(words, 2);
+    const bool ring = key == "CLAP" && place.number(words, 1) > 0;
+    const bool off_axis = key == "OBDC" && (place.number(words, 1) != 0 || place.number(words, 2) != 0);
+    if (kShapes.contains(key) || ring || off_axis) s.shape = key, s.shape_place = place;
     if (key == "CONI") s.conic = place.number(words, 1);
     if (key == "STOP") s.stop = true;
     if (key == "PARM")
@@ -164,25 +171,31 @@ ZemaxFile read_zemax(const std::string& bytes, const std::string& file) {
 }  // namespace
 
 Json import_zmx(const std::string& bytes, const std::string& file) {
-  const auto [name, unit_mm, catalogs, pupil, fnumber, surfaces] = read_zemax(bytes, file);
+  const auto [name, unit_mm, catalogs, pupil, fnumber, configurations, surfaces] = read_zemax(bytes, file);
   std::vector<std::string> notes;
+  if (configurations != "1")
+    notes.push_back(fmt::format("one of {} configurations, in which it was saved", printable(configurations)));
   Json out_surfaces = Json::array();
   std::optional<std::size_t> stop;
+  double stop_clear = 0;
   for (std::size_t i = 1; i + 1 < surfaces.size(); ++i) {
     const ZemaxSurface& s = surfaces[i];
     if (s.type != "STANDARD" && s.type != "EVENASPH" && s.type != "ODDASPHE")
       s.place.fail("surface type " + s.type, "STANDARD, EVENASPH or ODDASPHE");
+    if (!s.shape.empty()) s.shape_place.fail("aperture " + s.shape, "open circles on the axis");
     const bool asphere = s.type != "STANDARD" || s.conic != 0;
     const bool in_air = s.glass.empty() && (i == 1 || surfaces[i - 1].glass.empty());
-    if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop) {
+    if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop && !s.clear) {
       if (out_surfaces.empty()) continue;
       if (!std::isfinite(s.thickness) || out_surfaces.back()["thickness"].is_null())
         s.place.fail("an infinite thickness between surfaces", "a finite one");
       out_surfaces.back()["thickness"] = out_surfaces.back()["thickness"].get<double>() + s.thickness * unit_mm;
       continue;
     }
-    if (!(s.semi > 0)) s.place.fail("no semi-diameter (DIAM)", "one above 0");
-    if (s.stop) stop = out_surfaces.size();
+    // DIAM is as wide as the rays of the file's fields, except that of the stop; CLAP blocks rays.
+    const double semi = s.clear && !(s.stop && s.semi > 0 && s.semi < s.clear) ? s.clear : s.semi;
+    if (!(semi > 0)) s.place.fail("no semi-diameter (DIAM, CLAP)", "one above 0");
+    if (s.stop) stop = out_surfaces.size(), stop_clear = s.clear;
     Json surface{{"type", asphere            ? "asphere"
                           : s.curvature != 0 ? "sphere"
                           : s.stop && in_air ? "stop"
@@ -190,7 +203,7 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
                  {"radius", s.curvature != 0 ? Json(unit_mm / s.curvature) : Json(nullptr)},
                  {"thickness", std::isfinite(s.thickness) ? Json(s.thickness * unit_mm) : Json(nullptr)},
                  {"medium_after", medium_of(s, catalogs, notes)},
-                 {"semi_diameter", s.semi * unit_mm}};
+                 {"semi_diameter", semi * unit_mm}};
     if (asphere) surface["k"] = s.conic;
     if (s.type != "STANDARD") add_powers(surface, s, s.type == "EVENASPH", unit_mm);
     out_surfaces.push_back(std::move(surface));
@@ -206,6 +219,7 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
   if (!notes.empty()) out["notes"] = notes;
   if (pupil > 0) out["entrance_pupil_diameter"] = pupil * unit_mm;
   if (fnumber > 0) out["fnumber"] = fnumber;
+  if (stop_clear > 0) out["stop_max_semi_diameter"] = stop_clear * unit_mm;
   return out;
 }
 

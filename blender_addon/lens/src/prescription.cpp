@@ -175,6 +175,7 @@ Prescription load_prescription(const std::string& name_or_path) {
       if (note.is_string()) lens.notes.push_back(note);
   const auto pupil_mm = top.maybe_number("entrance_pupil_diameter", {1e-6, 1e4});
   const auto fnumber = top.maybe_number("fnumber", {1e-3, 1e6});
+  const auto stop_max_mm = top.maybe_number("stop_max_semi_diameter", {1e-6, 1e4});
   if (top.has("nominal")) {
     JsonObject nominal = top.object("nominal");
     lens.nominal_efl_mm = nominal.maybe_number("efl");
@@ -211,9 +212,11 @@ Prescription load_prescription(const std::string& name_or_path) {
   check_order(lens, list);
   if (pupil_mm || fnumber) {
     const FirstOrder wide_open = first_order(lens, kLambdaD);
-    const double wanted_mm = pupil_mm ? *pupil_mm : wide_open.efl_mm / *fnumber;
     Surface& stop = lens.surfaces[lens.stop];
-    const double semi_mm = stop.semi_diameter_mm * wanted_mm / wide_open.entrance_pupil_diameter_mm;
+    const double stop_per_pupil = stop.semi_diameter_mm / wide_open.entrance_pupil_diameter_mm;
+    const double most_mm = stop_max_mm ? *stop_max_mm / stop_per_pupil : std::numeric_limits<double>::infinity();
+    const double wanted_mm = std::min(pupil_mm ? *pupil_mm : wide_open.efl_mm / *fnumber, most_mm);
+    const double semi_mm = stop_per_pupil * wanted_mm;
     check_semi_diameter(stop, semi_mm, list[lens.stop]);
     if (std::abs(semi_mm / stop.semi_diameter_mm - 1) > 1e-3)
       lens.notes.push_back(

@@ -8,10 +8,10 @@
 
 namespace pecs::lens {
 
-// Zemax sequential .zmx (text, UTF-8 or UTF-16): STANDARD, EVENASPH and ODDASPHE surfaces, units MM, CM or IN. Glass by
-// name (glass_of_name), otherwise by nd and Vd of the GLAS line unless they are Zemax's placeholder; substitutions are
-// in "notes". ENPD and FNUM determine the stop. Surfaces without DIAM are rejected; planes between air and air are
-// discarded unless they are the stop.
+// Zemax sequential .zmx (text, UTF-8 or UTF-16): STANDARD, EVENASPH and ODDASPHE surfaces, units MM, CM, IN or METER.
+// Glass by name (glass_of_name), otherwise by nd and Vd of the GLAS line unless they are Zemax's placeholder;
+// substitutions are in "notes". ENPD and FNUM determine the stop, CLAP limits it. Surfaces without DIAM or CLAP are
+// rejected, and apertures that are no open circle; planes between air and air are discarded unless they block light.
 Json import_zmx(const std::string& bytes, const std::string& file);
 
 // pbrt's lens text: radius, thickness, index, aperture diameter [mm] per line, front to rear, radius 0 = stop.
