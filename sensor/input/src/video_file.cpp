@@ -25,16 +25,20 @@ VideoFile::VideoFile(const std::filesystem::path& path, double fps) : state_(new
 VideoFile::~VideoFile() = default;
 
 void VideoFile::write(const cv::Mat& bgr) {
-  const cv::Rect even(0, 0, bgr.cols / 2 * 2, bgr.rows / 2 * 2);
+  cv::Mat even;  // the encoders halve the resolution of colour
+  cv::copyMakeBorder(bgr, even, 0, bgr.rows % 2, 0, bgr.cols % 2, cv::BORDER_REPLICATE);
   State& s = *state_;
   for (const char* codec : {"avc1", "mp4v"}) {
     if (s.append) break;
     s.codec = codec;
     s.size = even.size();
-    s.append = media().video_writer(s.partial.partial_path().string(), codec, s.fps, even.width, even.height);
+    s.append = media().video_writer(s.partial.partial_path().string(), codec, s.fps, even.cols, even.rows);
   }
-  if (!s.append) throw bad_output(s.path.string(), "no video encoder could be opened (disk, FFmpeg?)");
-  s.append(bgr(even));
+  if (!s.append)
+    throw bad_output(s.path.string(),
+                     fmt::format("no video encoder could be opened for {}x{} at {:g} Hz (disk, FFmpeg?)", even.cols,
+                                 even.rows, s.fps));
+  s.append(even);
   ++s.frames;
 }
 
