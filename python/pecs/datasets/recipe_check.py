@@ -66,6 +66,8 @@ def _partners(plan: Plan) -> None:
         a, b = plan.pixels[entry.name].owner, plan.pixels[other.name].owner
         if a is b or np.allclose(a.position_m, b.position_m, rtol=0, atol=1e-9):
             raise bad_input(plan.recipe.path, place, other.name, "a camera at another position_m")
+        with at(plan.recipe, place):
+            rig.rectified_axes(*(rig.rig_from_camera(of.position_m, of.rotation_deg) for of in (a, b)))
 
 
 def _exports(plan: Plan) -> None:

@@ -5,6 +5,7 @@ K and everything made for OpenCV take pixel (0, 0)'s centre as (0, 0); pecs take
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._errors import optional_module
+from .._errors import PecsInputError, optional_module
 from ..lens import Lens
 from .files import read_object
 
 Array = NDArray[np.float64]
+SAME_AXIS, LEAST_ACROSS = 1e-9, 0.5  # cosines: of axes that are perpendicular; of a camera and the axis of its pair
 
 
 def rig_from_camera(position_m: Sequence[float], rotation_deg: Sequence[float] = (0, 0, 0)) -> Array:
@@ -134,20 +136,28 @@ def pinhole(directions: Array) -> Pinhole:
     return Pinhole(K, np.array(distortion), float(np.sqrt(2 * np.mean(missed(found.x) ** 2))))
 
 
-def stereo_rotation(camera_from_partner: Array) -> Array:
-    """R_rect [3, 3] of a camera of a pair: rectified from camera axes, with the baseline along x and the optical axis
-    as near to both cameras' as may be (Fusiello et al. 2000). Its partner's points the same way in the world."""
-    x = camera_from_partner[:3, 3] / np.linalg.norm(camera_from_partner[:3, 3])
-    x = x if x[0] >= 0 else -x
-    y = np.cross(np.array([0.0, 0.0, 1.0]) + camera_from_partner[:3, 2], x)
-    y /= np.linalg.norm(y)
-    return np.stack([x, y, np.cross(x, y)])
+def rectified_axes(rig_from_camera: Array, rig_from_partner: Array) -> Array:
+    """rig_from_rect [3, 3] of a pair, the same in either order: the baseline along x, and the optical axis as near to
+    both cameras' as may be (Fusiello et al. 2000). Raises PecsInputError if a camera looks along the baseline."""
+    x = rig_from_partner[:3, 3] - rig_from_camera[:3, 3]
+    x /= np.linalg.norm(x)
+    axes = rig_from_camera[:3, :3] + rig_from_partner[:3, :3]
+    # To the right in the pictures; down, if one camera is above the other.
+    x *= np.sign(next(v for v in (*(x @ axes)[:2], *x) if abs(v) > SAME_AXIS))
+    z = axes[:, 2] - x * (x @ axes[:, 2])
+    z /= max(float(np.linalg.norm(z)), SAME_AXIS)
+    if (least := min(float(z @ rig_from_camera[:3, 2]), float(z @ rig_from_partner[:3, 2]))) < LEAST_ACROSS:
+        turned = f"{math.degrees(math.acos(max(least, -1.0))):.0f} degrees from the perpendicular to the baseline"
+        raise PecsInputError(f"got a view {turned}, wanted at most {math.degrees(math.acos(LEAST_ACROSS)):.0f}")
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def rectified_K(kept: list[Array], size: tuple[int, int]) -> Array:
-    """One K for pictures of this size (width, height): the mean focal length, the centre in the middle."""
+def rectified_K(kept: list[Array], sizes: list[tuple[int, int]]) -> Array:
+    """One K for pictures of the first size (width, height): the mean focal length, the centre in the middle. Rows of
+    a pair of other sizes match."""
     focal = float(np.mean([[K[0, 0], K[1, 1]] for K in kept]))
-    return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
+    middle = (sizes[0][0] - 1) / 2, (float(np.mean([height for _, height in sizes])) - 1) / 2
+    return np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
 
 
 def rectify_map(directions: Array, R_rect: Array, K_rect: Array) -> NDArray[np.float32]:

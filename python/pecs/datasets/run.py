@@ -290,14 +290,13 @@ def _described(work: Work, camera: CameraPlan, views: dict[str, _View]) -> dict[
     """The camera in sequence.json; writes its rectification map."""
     entry, owner = camera.entry, camera.pixels.owner
     view = views[owner.name]
-    K_rect, R_rect, baseline = [view.pinhole.K], np.eye(3), None
+    pair, R_rect, baseline = [view], np.eye(3), None
     if entry.partner:
-        other = views[work.plan.camera(entry.partner).pixels.owner.name]
-        move = np.linalg.inv(view.placed) @ other.placed
-        baseline, K_rect = float(np.linalg.norm(move[:3, 3])), [view.pinhole.K, other.pinhole.K]
-        R_rect = rig.stereo_rotation(move)
-    height, width = view.optics.directions.shape[:2]
-    K = rig.rectified_K(K_rect, (width, height))
+        pair.append(other := views[work.plan.camera(entry.partner).pixels.owner.name])
+        baseline = float(np.linalg.norm(other.placed[:3, 3] - view.placed[:3, 3]))
+        R_rect = rig.rectified_axes(view.placed, other.placed).T @ view.placed[:3, :3]
+    sizes = [(one.stack["width"], one.stack["height"]) for one in pair]
+    (width, height), K = sizes[0], rig.rectified_K([one.pinhole.K for one in pair], sizes)
     rectify_map = rig.rectify_map(view.optics.directions, R_rect, K)
     write_whole(work.folder / camera.name / "rectify_map.npy", npy_bytes(rectify_map))
     matrices = {"rig_from_camera": view.placed, "K": view.pinhole.K, "distortion": view.pinhole.distortion}

@@ -41,8 +41,9 @@ def test_rectified_rows_agree_with_opencv(optics):
     found = rig.pinhole(optics.directions)
     rig_from_right = rig.rig_from_camera((0.1, 0.004, -0.003), (0.5, -3, 1))
     right_from_rig = np.linalg.inv(rig_from_right)
-    R = rig.stereo_rotation(rig_from_right), rig.stereo_rotation(right_from_rig)
-    K = rig.rectified_K([found.K, found.K], SIZE)
+    pair = np.eye(4), rig_from_right
+    R = [axes.T @ place[:3, :3] for axes, place in zip(map(rig.rectified_axes, pair, pair[::-1]), pair, strict=True)]
+    K = rig.rectified_K([found.K, found.K], [SIZE, SIZE])
     rng = np.random.default_rng(1)
     points = rng.uniform((-0.5, -0.4, 2), (0.6, 0.4, 6), (300, 3))
     seen = points, points @ right_from_rig[:3, :3].T + right_from_rig[:3, 3]
@@ -69,6 +70,28 @@ def test_rectified_rows_agree_with_opencv(optics):
         pixels = (optics.pixels(camera) - 0.5)[both]
         theirs.append(cv2.undistortPoints(pixels[:, None], found.K, found.distortion, R=r, P=p)[:, 0])
     assert np.abs(theirs[0][:, 1] - theirs[1][:, 1]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("position", "rotation", "axis"),
+    [
+        ((0, 0.1, 0), (0, 0, 0), (0, 1, 0)),
+        ((0, -0.1, 0), (0, 0, 0), (0, 1, 0)),
+        ((-0.1, 0.02, 0), (0, 5, 0), (0.98, -0.2, 0)),
+        ((0.1, 0, 0), (0, 0, 180), (1, 0, 0)),  # upside down
+    ],
+)
+def test_a_pair_has_one_rectification(position, rotation, axis):
+    """Also one above the other, where the sign of x was each camera's own."""
+    pair = np.eye(4), rig.rig_from_camera(position, rotation)
+    first, second = rig.rectified_axes(*pair), rig.rectified_axes(*pair[::-1])
+    assert np.allclose(first, second, atol=1e-12) and np.allclose(first[:, 0], axis, atol=0.01)
+    assert np.allclose(first.T @ first, np.eye(3)) and np.linalg.det(first) > 0 and first[2, 2] > 0.9
+
+
+def test_rows_of_pictures_of_two_sizes_match():
+    K = [rig.rectified_K([np.eye(3)] * 2, sizes) for sizes in ([(64, 48), (96, 72)], [(96, 72), (64, 48)])]
+    assert K[0][1, 2] == K[1][1, 2] and K[0][0, 2] == 31.5 and K[1][0, 2] == 47.5
 
 
 def test_colours_are_those_of_the_surfaces():
