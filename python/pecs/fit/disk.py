@@ -27,6 +27,7 @@ GROUPS = (10, 6)  # of pixels, by x and y modulo these, for the jackknife
 LEAST_EVENTS = 5000  # behind edges
 SHARES = (0.02, 0.06, 0.12, *np.arange(0.2, 0.95, 0.1))  # of the recorded events, between bins that count together
 BESIDE_PX = 34.0  # distance from the rim of pixels that count as background
+RPM = 3.0, 1e5  # of disks on motors
 UNSURE = 0.003  # largest deviation of an edge, relative to the period
 NONE = 1e-3  # events per edge, so that logarithms exist
 WIDE = np.geomspace(0.05, 200.0, 42)  # corner of the photoreceptor in white, times the period
@@ -125,6 +126,9 @@ def _detect(file: str | Path) -> dict[str, Any]:
     found: dict[str, Any] = parse_json(done.stdout, "pecs align disk")
     if not found.get("rim"):
         raise PecsInputError(f"{file}: got a disk without rim, wanted one whose rim is in view")
+    rpm = float(found["speed_deg_s"]["value"]) / 6
+    if not RPM[0] <= abs(rpm) <= RPM[1]:
+        raise PecsInputError(f"{file}: got a disk at {rpm:.3g} rpm, wanted {RPM[0]:g} to {RPM[1]:g} (times in us?)")
     period_deg = 720 / found["sectors"]
     unsure_deg = max(float(found[edge]["deviation"]) for edge in ("on_edge_deg", "off_edge_deg"))
     if found["on_starts_sharply"] or found["off_starts_sharply"] or unsure_deg > UNSURE * period_deg:

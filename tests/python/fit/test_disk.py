@@ -65,6 +65,7 @@ def test_a_disk_and_a_chip_are_found(run, recording, tmp_path):
         (["--disk", "{disk}=1"], 4, "got contrast 1, wanted"),
         (["--disk", "{disk}=black"], 2, "wanted FILE or FILE=CONTRAST"),
         (["--disk", "missing.raw"], 3, "missing.raw"),
+        (["--disk", "{ms}"], 4, "ms.npz: got a disk at -3e+05 rpm, wanted 3 to 100000 (times in us?)"),
         (["--disk", "{disk}", "--still", "{still}=1"], 2, "wanted a known photocurrent"),
     ],
 )
@@ -73,7 +74,10 @@ def test_a_wrong_command_is_one_line(run, recording, tmp_path, words, code, said
     pecs.write(
         still, pecs.simulate(np.ones((9, 32, 32)), np.arange(9) * 5e5, time_unit="us", seed=1), width=32, height=32
     )
-    done = run(*(w.format(disk=recording, still=still) for w in words), "-o", tmp_path / "chip.json")
+    events = pecs.read(recording)
+    events["t"] //= 1000
+    pecs.write(ms := tmp_path / "ms.npz", events, **SIZE)
+    done = run(*(w.format(disk=recording, still=still, ms=ms) for w in words), "-o", tmp_path / "chip.json")
     assert done.returncode == code and said in done.stderr, done.stderr
     assert done.stderr.count("\n") == 1 and not (tmp_path / "chip.json").exists()
 
