@@ -79,7 +79,7 @@ def is_stream(path: Path) -> bool:
 
 def check_outputs(inputs: Sequence[Path | None], outputs: Sequence[Path | None]) -> None:
     """Raises UsageError for an output that is an input, that would replace a frame of an input folder, or that another
-    output names."""
+    output names; PecsOutputError for a folder that cannot be written."""
     named = [path for path in outputs if path is not None and not is_stream(path)]
     for i, output in enumerate(named):
         got, wanted = "", "another file"
@@ -92,6 +92,9 @@ def check_outputs(inputs: Sequence[Path | None], outputs: Sequence[Path | None])
             got, wanted = "two outputs", "one file each"
         if got:
             raise UsageError(f"{output}: output: got {got}, wanted {wanted}")
+        folder = existing_folder(output.resolve().parent)
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise _refused(output, f"{folder} is no folder that is writable")
 
 
 def _same(a: Path, b: Path) -> bool:

@@ -144,6 +144,14 @@ def test_an_output_that_is_an_input_is_refused(recording, tmp_path):
         check_outputs([tmp_path], [a])
 
 
+def test_a_folder_that_is_not_writable_is_refused_first(recording, small_disk):
+    """Before a fit of minutes."""
+    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
+    for name in ("a.json", "new/a.json"):
+        fit = run_module("pecs.fit", "--disk", recording, "-o", small_disk / name, check=False)
+        refused(fit, 5, f"{name}: cannot be written: {small_disk} is no folder that is writable")
+
+
 # Folders
 
 
