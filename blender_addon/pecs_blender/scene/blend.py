@@ -231,6 +231,10 @@ def notes(scene: bpy.types.Scene) -> Iterator[str]:
         yield f"grease pencil is not rendered: {_list(drawn)}"
     if scene.render.use_multiview:
         yield "stereo is ignored: one view is rendered"
+    if scene.render.use_border:
+        yield "the whole picture is rendered; the file's render region is ignored"
+    if (exposure := scene.cycles.film_exposure) != 1:
+        yield f"the file's film exposure is ignored; --light-scale {exposure:g} has its effect"
     stops = {round(camera.data.dof.aperture_fstop, 4) for _, camera in _cuts(scene)}
     if len(stops) > 1:
         named = ", ".join(f"f/{stop:g}" for stop in sorted(stops))

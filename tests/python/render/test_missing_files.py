@@ -210,7 +210,7 @@ collection = bpy.data.collections.new("apart")
 scene.collection.children.link(collection)
 collection.objects.link(bpy.data.objects.new("apart", bpy.data.meshes.new("apart")))
 scene.view_layers[0].layer_collection.children["apart"].exclude = True
-scene.render.pixel_aspect_x = 2
+scene.render.pixel_aspect_x, scene.render.use_border, scene.cycles.film_exposure = 2, True, 8
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
@@ -220,7 +220,8 @@ def test_what_is_left_out_is_said(tmp_path, time):
     in_bpy(DARK, tmp_path / "dark.blend")
     words = ("--bands", 1, "--samples", 1, "--frames", 2, "--width", 24, "--time", time)
     lines = pecs_blender("render", tmp_path / "dark.blend", "-o", tmp_path / "s", *words).stderr.splitlines()
-    for text in ("no light reaches the camera", "without 'apart' of other view layers", "pixel aspect of 2:1"):
+    said = "pixel aspect of 2:1", "render region is ignored", "film exposure is ignored; --light-scale 8 has its effect"
+    for text in ("no light reaches the camera", "without 'apart' of other view layers", *said):
         assert len([line for line in lines if text in line]) == 1, (text, lines)
     with pecs.StackReader(tmp_path / "s") as reader:
         assert not reader.read_frame(0).any()
