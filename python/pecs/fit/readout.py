@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._errors import PecsInputError
-from ..events import Events, read
-from .recordings import Flash
+from ..events import Events
+from .recordings import Flash, events_of
 
 WINDOW = 16  # rows whose total time counts
 ROUNDED_US = 0.41  # standard deviation of the difference of two stamps, of whole us
@@ -24,7 +24,7 @@ Found = dict[str, tuple[float, float]]  # value and standard deviation
 
 def measure(of: Flash, profile: Mapping[str, float]) -> Found:
     """Raises PecsInputError where the readout was not busy."""
-    events = read(of.file, late="sort")
+    events = events_of(of.file)
     vector_px = profile["readout_vector_px"]
     time_us, vectors = _served(events, vector_px)
     windows = np.arange(0, max(len(time_us) - WINDOW, 0), WINDOW)

@@ -138,11 +138,17 @@ def region_of(width: int, height: int) -> Place:
     return (width - w) // 2, (height - h) // 2, w, h
 
 
-def _load(file: str | Path, region: Sequence[int] | None, least: int = 0) -> tuple[Events, Events, Place]:
-    """All events, those of the region, which are `least` or more, and the region."""
+def events_of(file: str | Path) -> Events:
+    """One or more."""
     events = read(file, late="sort")
     if not len(events):
         raise _refuse(file, "no events", "a recording")
+    return events
+
+
+def _load(file: str | Path, region: Sequence[int] | None, least: int = 0) -> tuple[Events, Events, Place]:
+    """All events, those of the region, which are `least` or more, and the region."""
+    events = events_of(file)
     width, height = events.width or int(events["x"].max()) + 1, events.height or int(events["y"].max()) + 1
     x, y, w, h = region or region_of(width, height)
     if x < 0 or y < 0 or w < 1 or h < 1 or x + w > width or y + h > height:
@@ -171,7 +177,7 @@ def load_still(of: Still, region: Sequence[int] | None = None) -> StillEvents:
 
 def load_still_everywhere(of: Still) -> tuple[StillEvents, Place]:
     """Counts of all events, and the smallest region that contains them: x, y, width, height."""
-    events = read(of.file, late="sort")
+    events = events_of(of.file)
     (left, right), (top, bottom) = ((int(events[k].min()), int(events[k].max())) for k in "xy")
     place = left, top, right - left + 1, bottom - top + 1
     return _still_events(of, events, place, float(events["t"][0]), float(events["t"][-1])), place

@@ -167,6 +167,9 @@ def test_rows_that_are_alike_keep_the_rate(flashes):
 def test_a_readout_that_is_never_busy_is_refused(tmp_path):
     light, t_us = light_of((1, 0.02))
     path = saved(tmp_path / "dim.raw", film(t_us, light, photocurrent_a=1e-15))
+    empty = saved(tmp_path / "empty.raw", pecs.read(path)[:0])
+    with pytest.raises(pecs.PecsInputError, match="empty.raw: got no events, wanted a recording"):
+        readout.measure(Flash(empty), SLOW)
     with pytest.raises(pecs.PecsInputError, match="without a pause.*brighter"):
         readout.measure(Flash(path), SLOW)
 
