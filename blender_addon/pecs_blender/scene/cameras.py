@@ -22,8 +22,9 @@ OPTICS |= {"sensor_width_mm": "sensor_width", "sensor_height_mm": "sensor_height
 
 def describe(source: BlendScene) -> dict[str, Any]:
     """times_s: from the first frame on, PER_FRAME per frame. active: the cameras that render the range, in order.
-    cameras: by name; the optics are those of the first frame, `zooms` says whether they change; poses: rows
-    (x y z qx qy qz qw) of world_from_camera [m], whose camera axes are x right, y down, z forward."""
+    cameras: by name; the optics are those of the first frame, `zooms` says whether they change, `mirrored` whether a
+    negative scale mirrors it; poses: rows (x y z qx qy qz qw) of world_from_camera [m], whose camera axes are x right,
+    y down, z forward."""
     scene = source.scene
     fps, count = scene.render.fps / scene.render.fps_base, scene.frame_end - scene.frame_start
     if count > MOST_FRAMES:
@@ -32,6 +33,7 @@ def describe(source: BlendScene) -> dict[str, Any]:
     things = [thing for thing in scene.objects if thing.type == "CAMERA" and not thing.hide_render]
     poses: dict[str, list[list[float]]] = {thing.name: [] for thing in things}
     optics: dict[str, list[dict[str, Any]]] = {thing.name: [] for thing in things}
+    mirrored: set[str] = set()
     for thing in things:  # Blender evaluates no hidden ones, unless something depends on them
         child = bpy.data.objects.new("pecs child", None)
         child.parent = thing
@@ -43,6 +45,8 @@ def describe(source: BlendScene) -> dict[str, Any]:
             active[source.own_camera.name] = None
         for thing in things:
             poses[thing.name].append(_pose(thing, source.unit_m))
+            if thing.matrix_world.determinant() < 0:
+                mirrored.add(thing.name)
             if i <= count * PER_FRAME:
                 optics[thing.name].append({key: getattr(thing.data, name) for key, name in OPTICS.items()})
     return {
@@ -52,7 +56,8 @@ def describe(source: BlendScene) -> dict[str, Any]:
         "times_s": times_s.tolist(),
         "active": list(active),
         "cameras": {
-            name: found[0] | {"zooms": any(one != found[0] for one in found), "poses": poses[name]}
+            name: found[0]
+            | {"zooms": any(one != found[0] for one in found), "mirrored": name in mirrored, "poses": poses[name]}
             for name, found in optics.items()
         },
     }

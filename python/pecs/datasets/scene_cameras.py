@@ -75,6 +75,8 @@ class SceneCameras:
             raise PecsInputError(f"camera: got markers that switch between {names}, wanted one name of them")
         if (found := self.cameras.get(name or self.active[0])) is None:
             raise PecsInputError(f"camera: got {name!r}, wanted one of {', '.join(map(repr, self.cameras))}")
+        if found.optics["mirrored"]:
+            raise PecsInputError(f"camera {found.name!r}: got a negative scale, which mirrors it, wanted none")
         return found
 
 

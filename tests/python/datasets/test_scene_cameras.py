@@ -65,6 +65,9 @@ for frame, thing in ((1, camera), (3, add(scene, "other", (0, -3, 1)))):
     scene.timeline_markers.new(thing.name, frame=frame).camera = thing
 save("cuts")
 scene, camera = start()
+add(scene, "other", (0.1, 0, 0), camera).scale.x = -1
+save("mirror")
+scene, camera = start()
 scene.frame_end = 1
 save("picture")
 scene, camera = start()
@@ -146,6 +149,7 @@ def test_the_panel_decides(files):
         ("flat", "rig.camera camera.lens: camera 'camera': got type ORTHO, wanted a perspective camera"),
         ("zoom", "rig.camera camera.lens: camera 'camera': got a focal length or shift that changes"),
         ("jump", "trajectory: camera 'camera': got a jump of 0.4 m at 0.12 s, wanted a path without jumps"),
+        ("mirror", "rig.camera other.lens: camera 'other': got a negative scale, which mirrors it, wanted none"),
         ("cuts", "camera: got markers that switch between 'camera', 'other', wanted one name of them"),
         ("long", "frames: got 1 to 20000, wanted a range of at most 10000"),
         ("picture", "picture.blend: frames: got 1 alone, wanted a range of two or more"),
