@@ -116,7 +116,7 @@ VideoInfo write_video(const events::Recording& recording, const std::filesystem:
   for (int frame = 0; frame < frames; ++frame) {
     const std::int64_t to = std::llround((frame + 1) * step_us), from = to - window_us;
     const cv::Mat panel = panel_of(recording, from, to, options.theme, kWidth, kDot);
-    canvas.create((panel.rows + kHead + 1) / 2 * 2, (panel.cols + 1) / 2 * 2, CV_8UC3);  // nothing is left out
+    canvas.create(panel.rows + kHead, panel.cols, CV_8UC3);
     canvas.setTo(bgr(options.theme.paper));
     panel.copyTo(canvas(cv::Rect(0, kHead, panel.cols, panel.rows)));
     put_text(canvas,
