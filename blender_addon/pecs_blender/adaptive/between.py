@@ -104,11 +104,9 @@ class Between:
         self._residual: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # pixels and ln(rendered / warped), by step
         self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
         self._last_carried: Carried | None = None
-        self._looked: np.ndarray | None = None
 
-    def refine(self, looked: np.ndarray | None) -> None:
-        """looked: tiles in which a sample of each pixel in the middle is compared, None for all."""
-        it, self._looked = self._interval, looked
+    def refine(self) -> None:
+        it = self._interval
         self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True)
 
     def keyframe(self, step: int, fast: np.ndarray) -> Picture:
@@ -121,12 +119,12 @@ class Between:
         light = expected.light((0, 0, *self._stage.size)).copy()
         rendered = self._render_wrong(expected, wrong, light)
         if not self._is_denoised:
-            return Picture(self._frame, light, None, glance, fast)
+            return Picture(self._frame, light, None, glance)
         self._merge_denoised(expected, rendered, light)
         raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
         for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
             raw[at(box)] = part
-        return Picture(self._frame, raw, light, glance, fast)
+        return Picture(self._frame, raw, light, glance)
 
     def _warped_frame(self, step: int) -> np.ndarray:
         """The frame as the keyframes give it. What is rendered in it receives diffraction from this light around it."""
@@ -250,7 +248,7 @@ class Between:
 
     def _glance(self, step: int) -> np.ndarray:
         self._stage.set_time(self._grid_s[step])
-        return self._light.glance(self._looked)
+        return self._light.glance()
 
     def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
         """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""

@@ -20,14 +20,12 @@ MAX_CHANGED = 0.7  # of the picture; beyond it the whole picture is rendered
 class Picture:
     """frame: as Light.fresh renders it, before diffraction. raw: its bands with diffraction. clean: the same after
     denoising, and the noise that is left (Judge.with_noise); None if nothing is denoised. glance: as Light.glance
-    renders it. Judge.lit gives each at the lamps' strengths of a time. fast: of a partial keyframe, the tiles of
-    surfaces that require it."""
+    renders it. Judge.lit gives each at the lamps' strengths of a time."""
 
     frame: np.ndarray
     raw: np.ndarray
     clean: np.ndarray | None
     glance: np.ndarray
-    fast: np.ndarray | None = None
 
     @property
     def light(self) -> np.ndarray:

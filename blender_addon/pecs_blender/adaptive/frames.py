@@ -19,7 +19,7 @@ from pecs.motion import CHANNELS
 
 from ..camera.light import Light
 from ..camera.stage import Stage
-from ..camera.tiles import grown, pixels_of, tiles_under, tiles_with
+from ..camera.tiles import tiles_under
 from ..output import Layer, Output
 from ..truth.surfaces import HitCache, Recent, SurfaceHits
 from .between import Between, KeyframeInterval
@@ -66,9 +66,9 @@ class Division:
     fast: np.ndarray
 
 
-def _moves(motion: np.ndarray, to: str) -> np.ndarray:
-    """[2, 2, height, width]: x and y of the displacement to a part of the interval, of both ways."""
-    return motion[[[CHANNELS.index(f"{way}{x}_{to}") for way in ("", "back_")] for x in "xy"]]
+def _moves(motion: np.ndarray) -> np.ndarray:
+    """[2, 2, height, width]: x and y of the displacement over the interval, of both ways."""
+    return motion[[[CHANNELS.index(f"{way}{x}_end") for way in ("", "back_")] for x in "xy"]]
 
 
 class Adaptive:
@@ -133,14 +133,8 @@ class Adaptive:
         second = self.keyframe(following)
         motion = _usable(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
-            path_px = float(np.nan_to_num(np.hypot(*_moves(motion, "end"))).max())
-            looked = None
-            if index in keyframes.partial or following in keyframes.partial:
-                parts = zip((first, second), self._division(index)[1].fast, strict=True)
-                tiles = (tiles_with(of_whole) if one.fast is None else one.fast for one, of_whole in parts)
-                fast = np.array([pixels_of(one, self._stage.size) for one in tiles])
-                looked = grown(self._tiles_of(_moves(motion, "mid"), fast))
-            self._between(index, start, end, first, second, motion, path_px).refine(looked)
+            path_px = float(np.nan_to_num(np.hypot(*_moves(motion))).max())
+            self._between(index, start, end, first, second, motion, path_px).refine()
         self._output.write_layer("motion", index, motion)
 
     def _between(
@@ -171,14 +165,10 @@ class Adaptive:
         from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, step, of.end))
         part = (t_s - from_s) / (to_s - from_s)
         motion = _usable(self._motion.through(of.first, of.last, t_s, part))
-        moves = _moves(motion, "end") * np.array([part, 1 - part])[:, None, None]
-        between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
-        return between.keyframe(step, self._tiles_of(moves, of.fast))
-
-    def _tiles_of(self, moves: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """Tiles in which the points of some pixels [2, height, width] lie after these displacements, as `_moves`."""
+        moves = _moves(motion) * np.array([part, 1 - part])[:, None, None]
         places = moves + self._hits.surfaces.sight.centres()[:, None]
-        return tiles_under(places[:, pixels], self._stage.size)
+        between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
+        return between.keyframe(step, tiles_under(places[:, of.fast], self._stage.size))
 
     def _division(self, index: int) -> tuple[int, Division]:
         """Around the instants after a keyframe; and the number of the whole keyframe at which it starts."""

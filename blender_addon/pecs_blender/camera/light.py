@@ -127,19 +127,13 @@ class Light(Layer):
             frame[at(box)] = patch
         self._light_up(frame)  # also across the borders of boxes
 
-    def glance(self, tiles: np.ndarray | None = None) -> np.ndarray:
+    def glance(self) -> np.ndarray:
         """[bands, height, width] of the current instant, before diffraction, from the first sample of each pixel, which
-        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass. tiles:
-        those to render, by default all; NaN elsewhere."""
-        size, bands = self._stage.size, len(self._to_film)
-        boxes_px = [(0, 0, *size)] if tiles is None else boxes(tiles, *size, CALL_RAYS)
-        frame = np.full((bands, *size[::-1]), np.nan, np.float32)
+        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass."""
         brightest = int(np.argmax([self._stage.weights[one.bands].sum() for one in self._stage.passes]))
-        (patches,) = self._rendered(range(brightest, brightest + 1), boxes_px, samples=1)
-        for box, patch in zip(boxes_px, patches, strict=True):
-            frame[at(box)] = np.nan_to_num(patch, copy=False)
+        ((frame,),) = self._rendered(range(brightest, brightest + 1), [(0, 0, *self._stage.size)], samples=1)
         self._light_up(frame)
-        return frame
+        return np.nan_to_num(frame, copy=False)
 
     def _rendered(
         self,
