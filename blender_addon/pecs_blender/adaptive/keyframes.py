@@ -70,9 +70,14 @@ class Keyframes:
     def time_s(self, index: int) -> float:
         return self.grid.times_ns[self.keys[index]] * 1e-9
 
-    def middle(self, count: int) -> Keyframes:
-        """At most this many whole keyframes in the middle, and the partial ones between them."""
-        at = max(0, (len(self.whole) - count) // 2)
+    def typical(self, count: int) -> Keyframes:
+        """At most this many whole keyframes, and the partial ones between them: about as many as on average, otherwise
+        near the middle."""
+        begins = np.arange(max(1, len(self.whole) - count + 1))
+        whole = np.array(self.whole)
+        spans = whole[np.minimum(begins + count, len(whole)) - 1] - whole[begins]
+        off = np.abs(spans - (whole[-1] - whole[0]) * (count - 1) / max(1, len(whole) - 1))
+        at = min(begins, key=lambda i: (round(off[i]), abs(i - begins.mean())))
         some = self.whole[at : at + count]
         keys = self.keys[some[0] : some[-1] + 1]
         times_ns = self.grid.times_ns[keys[0] : keys[-1] + 1]

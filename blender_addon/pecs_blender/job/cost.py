@@ -63,8 +63,8 @@ def _now_s() -> NDArray[np.float64]:
 
 
 def _keyframe_cost(job: Render) -> tuple[NDArray[np.float64], int, dict[str, float]]:
-    """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two whole keyframes in
-    the middle and what is between them; and `_seen`."""
+    """Seconds, as `_now_s`, and bytes of a keyframe and its share of the intervals, measured on two whole
+    keyframes, with about as many partial ones between them as on average; and `_seen`."""
     keyframes = job.keyframes
     with job.pilot(2, job.sampling, job.plan.layers) as (pilot, folder):
         with pilot.opened(folder) as frames:

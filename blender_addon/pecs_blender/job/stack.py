@@ -108,12 +108,12 @@ class Render:
 
     @contextmanager
     def pilot(self, count: int, sampling: Sampling, layers: tuple[str, ...]) -> Iterator[tuple[Render, Path]]:
-        """A render of at most `count` whole keyframes in the middle, without messages, and a folder that is removed."""
+        """A render of at most `count` typical whole keyframes, without messages, and a folder that is removed."""
         instants, verbosity = replace(self.plan.instants, only=None), {"quiet": True, "verbose": False}
         plan = replace(self.plan, layers=layers, instants=instants, verbosity=verbosity)
         with tempfile.TemporaryDirectory(prefix="pecs_pilot_") as folder:
             stop.remove_at_exit(Path(folder))
-            yield Render(self.stage, plan, sampling, self.keyframes.middle(count)), Path(folder) / "stack"
+            yield Render(self.stage, plan, sampling, self.keyframes.typical(count)), Path(folder) / "stack"
 
     def needed_bytes(self, counts: Callable[[str], bool] = lambda file: True) -> int:
         """Upper bound of this process's frames whose file names count, without the parts that are rendered between

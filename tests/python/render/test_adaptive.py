@@ -147,6 +147,21 @@ def test_the_share_of_noise_events_is_that_between_two_renders(blends, bench):
     assert 0.1 < wanted < 0.3 and abs(share / wanted - 1) < 1 / 3
 
 
+TYPICAL = """
+from pecs_blender.adaptive.keyframes import Keyframes
+from pecs_blender.scene.timeline import Timeline
+grid = Timeline(list(range(0, 1100, 100)), None)
+for partial, at in ((), 400), ((4, 5, 6, 7), 200), ((2, 8), 400), ((1, 2, 3, 4, 5, 6, 7, 8, 9), 0):
+    found = Keyframes(grid, list(range(11)), partial, (1.0,) * 10).typical(2)
+    assert found.grid.times_ns[0] == at, (partial, found)
+    assert len(found.whole) == 2 and len(found.paths_px) == len(found.keys) - 1 == found.keys[-1]
+"""
+
+
+def test_an_estimate_is_of_as_many_partial_keyframes_as_on_average():
+    in_bpy(TYPICAL)
+
+
 def test_samples_are_chosen_for_a_share_of_noise_events(blends, bench):
     folder = adaptive(blends, "room", "--noise-events", "12%")
     samples = json.loads((folder / "stack.json").read_text())["render"]["samples"]
