@@ -159,7 +159,8 @@ class Adaptive:
 
     def _in_part(self, index: int) -> Picture:
         """A partial keyframe: the fast part and what the whole keyframes around do not explain, in their light."""
-        number, of = self._division(index)
+        number = bisect(self._whole, index) - 1
+        of = self._divided.get(number, self._divide)
         first, second = (self._shared.get(n % len(self._whole), self._share_samples) for n in (number, number + 1))
         step = self._keyframes.keys[index]
         from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, step, of.end))
@@ -169,11 +170,6 @@ class Adaptive:
         places = moves + self._hits.surfaces.sight.centres()[:, None]
         between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
         return between.keyframe(step, tiles_under(places[:, of.fast], self._stage.size))
-
-    def _division(self, index: int) -> tuple[int, Division]:
-        """Around the instants after a keyframe; and the number of the whole keyframe at which it starts."""
-        number = bisect(self._whole, index) - 1
-        return number, self._divided.get(number, self._divide)
 
     def _divide(self, number: int) -> Division:
         keys, whole = self._keyframes.keys, self._whole
