@@ -115,12 +115,12 @@ class Paths:
         deviation from the polynomial and what turns or stretches most decide; and the whole ones, with partial ones, if
         all but each of FAST of the picture decides, without that deviation."""
         ways = self._ways(from_s, to_s)
-        self.mean_px[from_s, to_s] = self._limits[0] * float(ways[0][0][0].mean()) if ways else 0.0
+        self.mean_px[from_s, to_s] = self._limits[0] * float(ways[0][0].mean()) if ways else 0.0
         if ways is None:
             return np.full(1 + len(FAST), np.inf)
         comes_or_goes = self._comes_or_goes([self._poses.get(t, self._pose) for t in _instants(from_s, to_s)])
         required = [np.full(1 + len(FAST), 2.0 * comes_or_goes)]
-        for used, _ in ways:
+        for used in ways:
             turned = [np.quantile(one, 1 - TURNING) for one in (used[2, 1:-1], used[3, :, 1:-1])]
             every = max(used[0].max(), np.power(used[1].max(), 1 / 5), *turned)  # bends grow with the fifth power
             required.append([every, *np.quantile(_far(used), 1 - FAST)])
@@ -129,13 +129,12 @@ class Paths:
     def fast(self, from_s: float, to_s: float, size: tuple[int, int]) -> np.ndarray:
         """[2, height, width]: pixels of pictures of this size at two instants that show surfaces that move or turn too
         far in between."""
-        far = np.array([_far(used) > 1 for used, _ in self._ways(from_s, to_s)])
+        far = np.array([_far(used) > 1 for used in self._ways(from_s, to_s)])
         x, y = (np.arange(n) * own // n for n, own in zip(size, self._surfaces.size, strict=True))
         return far[:, y][:, :, x]
 
-    def _ways(self, from_s: float, to_s: float) -> list[tuple[np.ndarray, list[np.ndarray]]] | None:
-        """Of the surfaces seen at each of the two instants, what `_used` returns and their places at all times; None
-        across a cut."""
+    def _ways(self, from_s: float, to_s: float) -> list[np.ndarray] | None:
+        """What `_used` returns, of the surfaces seen at each of the two instants; None across a cut."""
         times_s, found = _instants(from_s, to_s), []
         for along_s in (times_s, times_s[::-1]):  # equal times: poses are kept
             seen = self._seen.get(along_s[0], self._hits)
@@ -143,7 +142,7 @@ class Paths:
             if any(one.view.camera != seen.poses.view.camera for one in poses):
                 return None
             places = [self._surfaces.place(seen, one)[:2] for one in poses]
-            found.append((self._used(places, seen.instance), places))
+            found.append(self._used(places, seen.instance))
         return found
 
     def _used(self, at: list[np.ndarray], instance: np.ndarray) -> np.ndarray:

@@ -31,8 +31,7 @@ class Motion(Layer):
 
     def through(self, first: SurfaceHits, last: SurfaceHits, t_s: float, part: float) -> np.ndarray:
         """As `render`, of even motion between two instants that is exact at a time between them, a part of the way."""
-        self._stage.set_time(t_s)
-        poses, channels = self._surfaces.poses(), []
+        poses, channels = self._hits.at(t_s).poses, []
         for seen, way in ((first, part), (last, 1 - part)):
             x, y, z, z_now = self._way(seen, [poses])
             with np.errstate(invalid="ignore"):  # the sky's depth
