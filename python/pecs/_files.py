@@ -92,9 +92,13 @@ def check_outputs(inputs: Sequence[Path | None], outputs: Sequence[Path | None])
             got, wanted = "two outputs", "one file each"
         if got:
             raise UsageError(f"{output}: output: got {got}, wanted {wanted}")
-        folder = existing_folder(output.resolve().parent)
-        if not (folder.is_dir() and os.access(folder, os.W_OK)):
-            raise _refused(output, f"{folder} is no folder that is writable")
+        check_folder(output, existing_folder(output.resolve().parent))
+
+
+def check_folder(output: Path, folder: Path) -> None:
+    """Raises PecsOutputError if the folder of an output is none, or cannot be written."""
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise _refused(output, f"{folder} is no folder that is writable")
 
 
 def _same(a: Path, b: Path) -> bool:

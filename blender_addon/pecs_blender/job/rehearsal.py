@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from pecs._errors import PecsError, PecsOutputError
-from pecs._files import existing_folder
+from pecs._errors import PecsError
+from pecs._files import check_folder, existing_folder
 
 from ..camera.plan import Plan
 from ..scene.source import Source
@@ -45,10 +45,7 @@ def _check_folder(file: Path, stack: Path) -> None:
     folder = file.absolute().parent
     if not folder.exists() and folder in stack.absolute().parents:  # made with the stack
         folder = existing_folder(folder)
-    if not folder.is_dir():
-        raise PecsOutputError(f"{file}: cannot be written: {folder} is no folder")
-    if not os.access(folder, os.W_OK):
-        raise PecsOutputError(f"{file}: cannot be written: {folder} is not writable")
+    check_folder(file, folder)
 
 
 def _write(empty: Path, source: Source, plan: Plan) -> None:
