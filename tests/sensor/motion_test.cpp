@@ -141,6 +141,67 @@ TEST(Motion, ATextureIsCarriedSharp) {
   }
 }
 
+// Two tones that meet at a straight line through (70, 40) at the start; means over pixels from 16x16 points of each.
+// width_px: over which one changes into the other.
+constexpr double kSharp = 1.0 / 16;
+Plane edge(const Motion& m, double t, double angle, double width_px) {
+  return each([&](int x, int y) {
+    double sum = 0;
+    for (int k = 0; k < 256; ++k) {
+      const Point2 p = m.start_from(x + (k % 16 - 7.5) / 16, y + (k / 16 - 7.5) / 16, t);
+      const double d = std::cos(angle) * (p.x - 70) + std::sin(angle) * (p.y - 40);
+      sum += 1 + 11 * std::clamp(d / width_px + 0.5, 0.0, 1.0);
+    }
+    return static_cast<float>(sum / 256);
+  });
+}
+
+double rms(const Plane& got, const Plane& wanted, int border) {
+  double sum = 0;
+  for (int y = border; y < kHeight - border; ++y)
+    for (int x = border; x < kWidth - border; ++x) sum += std::pow(std::log(got[at(x, y)] / wanted[at(x, y)]), 2);
+  return std::sqrt(sum / ((kWidth - 2 * border) * (kHeight - 2 * border)));
+}
+
+TEST(Motion, AnEdgeIsCarriedSharp) {
+  for (const Motion& m : {translation(4.3, -2.25), translation(-13.7, 6.1), rotation(0.4)}) {
+    const Carrier carrier(layer(m), kWidth, kHeight);
+    for (const double angle : {0.0, 0.3, 0.8, 1.57, 4.0}) {
+      const Plane a = edge(m, 0, angle, kSharp), b = edge(m, 1, angle, kSharp);
+      for (const double s : {0.1, 0.37}) {
+        const Plane truth = edge(m, s, angle, kSharp), got = carry(carrier, a, b, s);
+        EXPECT_LT(rms(got, truth, 16), 0.004) << angle << " at " << s;   // interpolation: 0.03
+        EXPECT_LT(worst(got, truth, 16), 0.25) << angle << " at " << s;  // interpolation: 0.8
+      }
+    }
+  }
+}
+
+TEST(Motion, ABlurredEdgeStaysBlurred) {
+  const Motion m = translation(4.3, -2.25);
+  const Carrier carrier(layer(m), kWidth, kHeight);
+  for (const auto& [width_px, most] : {std::pair{0.3, 0.003}, {0.6, 0.008}, {1.0, 0.015}, {2.0, 0.015}, {4.0, 0.006}})
+    EXPECT_LT(rms(carry(carrier, edge(m, 0, 0.3, width_px), edge(m, 1, 0.3, width_px), 0.37),
+                  edge(m, 0.37, 0.3, width_px), 16),
+              most)
+        << width_px;
+}
+
+TEST(Motion, TheOutlineOfADiskThatTurnsStays) {
+  const auto inside = [](double x, double y) { return std::hypot(x - 70, y - 40) < 22.3; };
+  Plane moves = layer(rotation(0.4));
+  for (std::size_t c = 0; c < kMotionChannels; ++c)
+    for (int i = 0; i < static_cast<int>(kPixels); ++i)
+      if (!inside(i % kWidth, i / kWidth)) moves[c * kPixels + static_cast<std::size_t>(i)] = c % 10 < 8 ? 0 : 2;
+  const Plane seen = each([&](int x, int y) {
+    double sum = 0;
+    for (int k = 0; k < 256; ++k) sum += inside(x + (k % 16 - 7.5) / 16, y + (k / 16 - 7.5) / 16) ? 4 : 1;
+    return static_cast<float>(sum / 256);
+  });
+  const Carrier carrier(moves, kWidth, kHeight);
+  for (const double s : {0.1, 0.37, 0.5}) EXPECT_LT(rms(carry(carrier, seen, seen, s), seen, 8), 0.005) << s;
+}
+
 TEST(Motion, PathsBend) {
   for (const auto& [m, most] : {std::pair{rotation(0.3), 0.008}, {tremor(3, 1.5), 0.012}}) {
     const Carrier carrier(layer(m), kWidth, kHeight);
@@ -259,7 +320,7 @@ TEST(Motion, WildNumbersDoNoHarm) {
   const Carrier carrier(motion, kWidth, kHeight);
   EXPECT_LE(carrier.longest_path_px(), std::hypot(kWidth, kHeight));
   EXPECT_LE(carrier.instants(100).size(), 100);
-  for (const double s : {1e-6, 0.3, 0.999}) {
+  for (const double s : {0.0625, 0.3, 0.999}) {
     const Plane got = carry(carrier, a, a, s);
     EXPECT_TRUE(std::ranges::all_of(got, [](float v) { return v >= 0 || std::isnan(v); }));
     EXPECT_GT(std::ranges::count_if(got, [](float v) { return std::isfinite(v); }), 0.8 * kPixels);

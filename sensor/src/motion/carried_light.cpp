@@ -84,9 +84,17 @@ class TileWork {
     for (std::size_t row = 0; row < rows(); ++row) {
       const std::size_t slot = Landing::slot(0, static_cast<int>(row));
       float* out = light + row * kTileWidth;
-      if (from.width() > 3 && from.height() > 3)
+      if (from.width() > 3 && from.height() > 3) {
+        std::int32_t four[kTileWidth + kSpare];
         cubic_run(spline.plane(), spline.coefficients(), from.width(), from.height(), points.u + slot, points.v + slot,
-                  kTileWidth, out);
+                  kTileWidth, out, four);
+        Edges::Pixel sharp[Edges::kMost];
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < columns(); ++i)
+          if (spline.edges().may_be_at(four[i]) && points.index[slot + i] != kNone)
+            sharp[count++] = sharp_pixel(points, slot + i, out + i);
+        if (count) spline.edges().sharpen({sharp, count});
+      }
       for (std::size_t i = 0; i < columns(); ++i) out[i] = points.index[slot + i] == kNone ? kDark : out[i];
       if (!special) continue;
       for (std::size_t i = 0; i < columns(); ++i) {
@@ -94,7 +102,7 @@ class TileWork {
         mixed[row * kTileWidth + i] = false;
         if (!seen.is()) continue;
         if (from.flags(seen.index) & kNearMixed) {
-          const SampledLight own = own_light(from, spline.plane(), seen);
+          const SampledLight own = own_light(from, spline, seen);
           out[i] = own.value;
           mixed[row * kTileWidth + i] = own.mixed;
         } else if (!(seen.u >= 1 && seen.v >= 1 && seen.u < static_cast<float>(from.width() - 2) &&
@@ -103,6 +111,21 @@ class TileWork {
         }
       }
     }
+  }
+
+  // How the picture lies in the keyframe around a pixel.
+  static Edges::Pixel sharp_pixel(const Landing::Layer& points, std::size_t slot, float* light) {
+    const auto slope = [&](const float* of, std::size_t step) {
+      return points.index[slot - step] == kNone || points.index[slot + step] == kNone
+                 ? kDark
+                 : (of[slot + step] - of[slot - step]) / 2;
+    };
+    Vec2 by_x{slope(points.u, 1), slope(points.v, 1)},
+        by_y{slope(points.u, Landing::kWidth), slope(points.v, Landing::kWidth)};
+    constexpr float kMost = 0.7f;  // more is not on one surface
+    if (!(std::abs(by_x.x - 1) < kMost && std::abs(by_x.y) < kMost)) by_x = {1, 0};
+    if (!(std::abs(by_y.y - 1) < kMost && std::abs(by_y.x) < kMost)) by_y = {0, 1};
+    return {points.u[slot], points.v[slot], by_x, by_y, light};
   }
 
   void prefer_clean() {
@@ -182,7 +205,7 @@ void CarriedLight::planes(std::span<const double> fractions, std::span<float* co
       tbb::this_task_arena::isolate([&] {  // a task of this thread that waits for the flag would never end
         for (int v = 0; v < 2; ++v)
           for (std::size_t k = 0; uses(v) && k < count; ++k)
-            light.splines[v].emplace_back(light.planes[v][k], width, height);
+            light.splines[v].emplace_back(light.planes[v][k], v ? in.second : in.first);
       });
     });
   const std::vector<char> wanted = tiles_in(in.first, in.near.size(), boxes);

@@ -128,7 +128,7 @@ HWY_INLINE void b_spline(V x, V (&w)[4]) {
 }
 
 void CubicRun(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-              std::size_t count, float* out) {
+              std::size_t count, float* out, std::int32_t* first_of_four) {
   const F f;
   const I32 i32;
   const hn::FixedTag<float, 4> f4;
@@ -150,6 +150,7 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
     for (int k = 0; k < 4; ++k) hn::Store(wy[k], f, weights_y[k]);
     const auto offset = hn::Add(hn::Mul(hn::ConvertTo(i32, y), hn::Set(i32, width)), hn::ConvertTo(i32, x));
     hn::Store(offset, i32, offsets);
+    hn::StoreU(offset, i32, first_of_four + i);
     for (std::size_t k = 0; k < lanes; ++k) {
       const std::ptrdiff_t first = offsets[k] - width - 1;
       const float* at = coefficients + first;
@@ -175,6 +176,28 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
     const V all = hn::Add(hn::Add(hn::Abs(a[1]), hn::Abs(a[2])), hn::Add(hn::Abs(b[1]), hn::Abs(b[2])));
     const M finite = hn::Lt(all, hn::Set(f, std::numeric_limits<float>::infinity()));
     hn::StoreU(hn::IfThenElse(finite, value, hn::Set(f, std::numeric_limits<float>::quiet_NaN())), f, out + i);
+  }
+}
+
+void LineShares(const LinesArguments& lines, float* out) {
+  const F f;
+  const V half = hn::Set(f, 0.5f), least = hn::Set(f, kLeastSlope), six = hn::Set(f, 6.0f), zero = hn::Zero(f);
+  for (std::size_t i = 0; i < lines.count; i += hn::Lanes(f)) {
+    const V a = hn::Max(hn::Abs(hn::LoadU(f, lines.nx + i)), least);
+    const V b = hn::Max(hn::Abs(hn::LoadU(f, lines.ny + i)), least);
+    const V width = hn::LoadU(f, lines.width + i), sum = hn::Add(a, b);
+    const auto cube = [&](V t) {
+      const V p = hn::Max(t, zero);
+      return hn::Mul(hn::Mul(p, p), p);
+    };
+    const auto integral = [&](V t) {  // of the share, times 2 a b, over d
+      const V beyond = hn::Add(cube(hn::Sub(t, a)), cube(hn::Sub(t, b)));
+      return hn::Sub(hn::Add(cube(t), cube(hn::Sub(t, sum))), beyond);
+    };
+    const V corner = hn::MulAdd(half, sum, hn::LoadU(f, lines.d + i)), reach = hn::Mul(half, width);
+    const V area = hn::Sub(integral(hn::Add(corner, reach)), integral(hn::Sub(corner, reach)));
+    const V share = hn::Div(area, hn::Mul(hn::Mul(six, width), hn::Mul(a, b)));
+    hn::StoreU(hn::Min(hn::Max(share, zero), hn::Set(f, 1.0f)), f, out + i);
   }
 }
 
@@ -207,6 +230,7 @@ HWY_EXPORT(LandRun);
 HWY_EXPORT(Contested);
 HWY_EXPORT(SplineRun);
 HWY_EXPORT(CubicRun);
+HWY_EXPORT(LineShares);
 HWY_EXPORT(BlendRun);
 void paths(const PathArguments& arguments) { HWY_DYNAMIC_DISPATCH(Paths)(arguments); }
 void land_run(const LandingArguments& arguments) { HWY_DYNAMIC_DISPATCH(LandRun)(arguments); }
@@ -217,9 +241,10 @@ void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, floa
   HWY_DYNAMIC_DISPATCH(SplineRun)(taps, count, out);
 }
 void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-               std::size_t count, float* out) {
-  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out);
+               std::size_t count, float* out, std::int32_t* first) {
+  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out, first);
 }
+void line_shares(const LinesArguments& lines, float* out) { HWY_DYNAMIC_DISPATCH(LineShares)(lines, out); }
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out) {
   HWY_DYNAMIC_DISPATCH(BlendRun)(a, b, s, count, out);
 }

@@ -17,24 +17,27 @@ void b_spline(float x, float (&w)[4]) {
   w[3] = x * x * x / 6;
 }
 
-// Light of a mixed pixel's own surface, from a neighbour on the far side of the occluder that is not mixed.
-float behind_of(const Surfaces& from, const float* plane, std::int32_t index) {
+// Light of a mixed pixel's own surface, from a neighbour on the far side of the occluder that is not mixed, or from the
+// occluder's outline.
+float behind_of(const Surfaces& from, const float* plane, std::int32_t index, const Edges::Outline& outline) {
   const auto [dx, dy] = from.occluder(index);
   const auto clean = [&](int ox, int oy) {
     return (ox || oy) && from.joined(index, ox, oy) && !(from.flags(index + oy * from.width() + ox) & kMixedPixel);
   };
   for (const auto& [ox, oy] : {std::pair{-dx, -dy}, {-dx, 0}, {0, -dy}, {dy, dx}, {-dy, -dx}})
     if (clean(ox, oy)) return plane[index + oy * from.width() + ox];
-  return plane[index];
+  return outline.weight > 0 ? outline.back : plane[index];
 }
 
 }  // namespace
 
-SplinePlane::SplinePlane(const float* plane, int width, int height)
+SplinePlane::SplinePlane(const float* plane, const Surfaces& from)
     : plane_(plane),
-      width_(width),
-      height_(height),
-      coefficients_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) + kSpare) {
+      width_(from.width()),
+      height_(from.height()),
+      coefficients_(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) + kSpare),
+      edges_(std::make_unique<Edges>(plane, from)) {
+  const int width = width_, height = height_;
   constexpr int kReach = kSplineTaps / 2;
   std::vector<float> along_rows(coefficients_.size());
   const auto row_of = [&](auto* values, int y) { return values + static_cast<std::ptrdiff_t>(y) * width; };
@@ -84,7 +87,8 @@ float SplinePlane::at(float u, float v) const {
   return std::clamp(sum, std::max(least - beyond, (1 - kBeyond) * least), most + beyond);
 }
 
-SampledLight own_light(const Surfaces& from, const float* plane, const VisiblePoint& seen) {
+SampledLight own_light(const Surfaces& from, const SplinePlane& spline, const VisiblePoint& seen) {
+  const float* plane = spline.plane();
   const std::int32_t index = seen.index;
   const Vec2 point = from.position(index);
   const float u = seen.u - point.x, v = seen.v - point.y;
@@ -103,17 +107,21 @@ SampledLight own_light(const Surfaces& from, const float* plane, const VisiblePo
   add(0, dy, (1 - fu) * fv);
   add(dx, dy, fu * fv);
   if (weight > 0.05f) return {sum / weight, false};
-  return {from.flags(index) & kMixedPixel ? behind_of(from, plane, index) : plane[index], true};
+  if (!(from.flags(index) & kMixedPixel)) return {plane[index], true};
+  return {behind_of(from, plane, index, spline.edges().outline(index, seen.u, seen.v)), true};
 }
 
 float boundary_light(const Surfaces& from, const SplinePlane& spline, const VisiblePoint& boundary, float behind) {
   const float* plane = spline.plane();
+  const Edges::Outline outline = spline.edges().outline(boundary.index, boundary.u, boundary.v);
+  const float back = behind_of(from, plane, boundary.index, outline);
+  if (!std::isfinite(behind)) behind = back;
+  if (outline.weight > 0) return outline.share * outline.front + (1 - outline.share) * behind;
   const auto [dx, dy] = from.occluder(boundary.index);
   const std::int32_t occluder = boundary.index + dy * from.width() + dx;
   const float front = plane[from.joined(occluder, dx, dy) ? occluder + dy * from.width() + dx : occluder];
-  const float back = behind_of(from, plane, boundary.index), light = spline.at(boundary.u, boundary.v);
+  const float light = spline.at(boundary.u, boundary.v);
   if (!std::isfinite(front + back + light)) return kDark;
-  if (!std::isfinite(behind)) behind = back;
   // Coverage of the pixel by the occluder, whose edge is taken perpendicular to the line between the two pixels'
   // centres. Its position on that line follows from the coverage of both pixels, estimated from their light.
   const auto fx = static_cast<float>(dx), fy = static_cast<float>(dy), length = std::sqrt(fx * fx + fy * fy);

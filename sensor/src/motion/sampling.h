@@ -2,8 +2,10 @@
 // Light of a keyframe between its pixels where the kernel's interpolation does not apply: at the picture's border and
 // at occlusion boundaries.
 #include <limits>
+#include <memory>
 #include <vector>
 
+#include "motion/edges.h"
 #include "motion/landing.h"
 
 namespace pecs::sensor::motion {
@@ -14,10 +16,12 @@ constexpr float kDark = std::numeric_limits<float>::quiet_NaN();  // not visible
 // pixels.
 class SplinePlane {
  public:
-  // In the caller's TBB arena. Coefficients treat a value that is not finite as equal to its left neighbour.
-  SplinePlane(const float* plane, int width, int height);
+  // The caller keeps both. In the caller's TBB arena. Coefficients treat a value that is not finite as equal to its
+  // left neighbour.
+  SplinePlane(const float* plane, const Surfaces& from);
   const float* plane() const { return plane_; }
   const float* coefficients() const { return coefficients_.data(); }
+  const Edges& edges() const { return *edges_; }
   // As cubic_run. Beyond the border, the border's pixels are repeated.
   float at(float u, float v) const;
 
@@ -25,6 +29,7 @@ class SplinePlane {
   const float* plane_;
   int width_, height_;
   std::vector<float> coefficients_;
+  std::unique_ptr<Edges> edges_;
 };
 
 struct SampledLight {
@@ -33,7 +38,7 @@ struct SampledLight {
 };
 
 // Near an occlusion boundary: interpolates those of the four nearest pixels that show only this surface.
-SampledLight own_light(const Surfaces& from, const float* plane, const VisiblePoint& seen);
+SampledLight own_light(const Surfaces& from, const SplinePlane& spline, const VisiblePoint& seen);
 
 // Light of a boundary pixel, with the light behind it in the keyframe replaced by `behind` (NaN: unknown).
 float boundary_light(const Surfaces& from, const SplinePlane& spline, const VisiblePoint& boundary, float behind);

@@ -1,0 +1,228 @@
+#include "motion/edges.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <mutex>
+
+namespace pecs::sensor::motion {
+namespace {
+
+constexpr float kLeastContrast = 2;  // of the tones; less is left to interpolation
+// Largest error of a fit, relative to the difference of the tones: it counts in full, or not at all; before the fit.
+constexpr float kGood = 0.04f, kBad = 0.1f, kHopeless = 0.5f;
+constexpr float kPure = 0.1f;  // a pixel that differs less from a tone, relative to the difference of both, shows it
+constexpr float kReach_px = 0.8f;  // of the line from the pixel's centre
+constexpr float kLeastWidth_px = 0.05f, kMostWidth_px = 1.2f;
+constexpr int kSteps = 3;           // of Gauss and Newton
+constexpr float kFull = 1.0f / 16;  // overlap with pixels at edges from which on only edges count
+
+using Line = Edges::Line;
+constexpr Edges::Edge kNoEdge{{1, 0, 0, 1}, 0, 0, 0};
+using Nine = std::array<float, 9>;  // pixels [dy + 1][dx + 1]
+
+// The lines' shares of the brighter tone in each of the 3x3 pixels.
+template <std::size_t kLines>
+std::array<Nine, kLines> shares(const std::array<Line, kLines>& lines) {
+  constexpr std::size_t kCount = 9 * kLines;
+  float nx[kCount + kSpare] = {}, ny[kCount + kSpare] = {}, d[kCount + kSpare] = {}, width[kCount + kSpare],
+                    out[kCount + kSpare];
+  std::fill_n(width, kCount + kSpare, 1.0f);
+  for (std::size_t k = 0; k < kCount; ++k) {
+    const Line& line = lines[k / 9];
+    const auto x = static_cast<float>(static_cast<int>(k % 3) - 1),
+               y = static_cast<float>(static_cast<int>(k % 9 / 3) - 1);
+    nx[k] = line.nx, ny[k] = line.ny, d[k] = line.d - x * line.nx - y * line.ny, width[k] = line.width;
+  }
+  line_shares({nx, ny, d, width, kCount}, out);
+  std::array<Nine, kLines> found;
+  for (std::size_t k = 0; k < kCount; ++k) found[k / 9][k % 9] = out[k];
+  return found;
+}
+
+Line turned(const Line& line, float angle) {
+  const float nx = line.nx - angle * line.ny, ny = line.ny + angle * line.nx, length = std::sqrt(nx * nx + ny * ny);
+  return {nx / length, ny / length, line.d, line.width};
+}
+
+float worst(const Nine& a, const Nine& b) {
+  float out = 0;
+  for (std::size_t k = 0; k < 9; ++k) out = std::max(out, std::abs(a[k] - b[k]));
+  return out;
+}
+
+// One step of Gauss and Newton for angle, distance and width.
+Line improved(const Line& line, const Nine& wanted) {
+  constexpr float kStep = 0.01f, kDamping = 1e-3f, kMost = 0.5f;
+  const std::array<Nine, 4> of = shares<4>({line,
+                                            turned(line, kStep),
+                                            {line.nx, line.ny, line.d + kStep, line.width},
+                                            {line.nx, line.ny, line.d, line.width + kStep}});
+  float m[3][4] = {};
+  for (std::size_t k = 0; k < 9; ++k) {
+    float slope[3];
+    for (std::size_t i = 0; i < 3; ++i) slope[i] = (of[i + 1][k] - of[0][k]) / kStep;
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t j = 0; j < 3; ++j) m[i][j] += slope[i] * slope[j];
+      m[i][3] += slope[i] * (wanted[k] - of[0][k]);
+    }
+  }
+  for (int i = 0; i < 3; ++i) m[i][i] += kDamping;
+  for (int i = 0; i < 3; ++i)  // elimination; the matrix is positive definite
+    for (int j = i + 1; j < 3; ++j) {
+      const float part = m[j][i] / m[i][i];
+      for (int k = i; k < 4; ++k) m[j][k] -= part * m[i][k];
+    }
+  float by[3];
+  for (int i = 2; i >= 0; --i) {
+    by[i] = m[i][3];
+    for (int j = i + 1; j < 3; ++j) by[i] -= m[i][j] * by[j];
+    by[i] = std::clamp(by[i] / m[i][i], -kMost, kMost);
+  }
+  Line out = turned(line, by[0]);
+  out.d += by[1];
+  out.width = std::clamp(out.width + by[2], kLeastWidth_px, kMostWidth_px);
+  return out;
+}
+
+}  // namespace
+
+// Edges of the pixels of a tile and of the next column and row.
+struct Edges::TileEdges {
+  static constexpr int kWidth = kTileWidth + 1, kHeight = kTileHeight + 1;
+  std::once_flag once;
+  std::vector<Edge> edges;
+  std::array<std::int16_t, std::size_t{kWidth} * kHeight> number;  // of a pixel's edge; -1: none
+};
+
+Edges::Edges(const float* plane, const Surfaces& from)
+    : plane_(plane),
+      from_(from),
+      tiles_(new TileEdges[static_cast<std::size_t>(from.tiles_x() * from.tiles_y())]),
+      near_(static_cast<std::size_t>(from.width()) * static_cast<std::size_t>(from.height())) {}
+Edges::~Edges() = default;
+
+// The edge of a pixel that has eight neighbours.
+bool Edges::fits(int x, int y, Edge& out) const {
+  const int width = from_.width();
+  const std::int32_t here = y * width + x;
+  Nine light;
+  for (int k = 0; k < 9; ++k) light[static_cast<std::size_t>(k)] = plane_[here + (k / 3 - 1) * width + k % 3 - 1];
+  float dark = light[0], bright = light[0], sum = 0;
+  for (const float one : light) dark = std::min(dark, one), bright = std::max(bright, one), sum += one;
+  if (!(dark >= 0 && bright > kLeastContrast * dark && std::isfinite(sum))) return false;
+  const float range = bright - dark;
+  Nine share;
+  for (std::size_t k = 0; k < 9; ++k) share[k] = (light[k] - dark) / range;
+  const float gx = share[0] + 2 * share[3] + share[6] - share[2] - 2 * share[5] - share[8];
+  const float gy = share[0] + 2 * share[1] + share[2] - share[6] - 2 * share[7] - share[8];
+  const float gradient = std::sqrt(gx * gx + gy * gy);
+  if (gradient < 0.5f) return false;
+  const bool along_x = std::abs(gx) > std::abs(gy);  // both tones go on, so that they are no mixtures
+  const int two = (along_x ? gx : gy) > 0 ? 2 : -2, dx = along_x ? two : 0, dy = along_x ? 0 : two;
+  if (std::min(x, y) < 2 || x + 2 >= width || y + 2 >= from_.height()) return false;
+  const float further_dark = plane_[here + dy * width + dx], further_bright = plane_[here - dy * width - dx];
+  if (!(std::abs(further_dark - dark) < kPure * range && std::abs(further_bright - bright) < kPure * range))
+    return false;
+  Line line{gx / gradient, gy / gradient, share[4] - 0.5f, kLeastWidth_px};
+  if (worst(shares<1>({line})[0], share) > kHopeless) return false;
+  for (int step = 0; step < kSteps; ++step) line = improved(line, share);
+  const float error = worst(shares<1>({line})[0], share);
+  if (error >= kBad || std::abs(line.d) > kReach_px || line.width == kMostWidth_px) return false;
+  out = {line, dark, range, std::min(1.0f, (kBad - error) / (kBad - kGood))};
+  return true;
+}
+
+void Edges::find(int tile, TileEdges& out) const {
+  const Tile t = from_.tile(tile);
+  Edge edge;
+  out.number.fill(-1);
+  for (int y = std::max(t.y0, 1); y < std::min(t.y0 + TileEdges::kHeight, from_.height() - 1); ++y)
+    for (int x = std::max(t.x0, 1); x < std::min(t.x0 + TileEdges::kWidth, from_.width() - 1); ++x)
+      if (fits(x, y, edge)) {
+        out.number[static_cast<std::size_t>((y - t.y0) * TileEdges::kWidth + x - t.x0)] =
+            static_cast<std::int16_t>(out.edges.size());
+        out.edges.push_back(edge);
+      }
+  for (int y = t.y0; y < t.y1; ++y)
+    for (int x = t.x0; x < t.x1; ++x) {
+      const std::int16_t* number = out.number.data() + (y - t.y0) * TileEdges::kWidth + x - t.x0;
+      const bool none = std::max({number[0], number[1], number[TileEdges::kWidth], number[TileEdges::kWidth + 1]}) < 0;
+      near_[static_cast<std::size_t>(y * from_.width() + x)].store(none ? kNo : kYes, std::memory_order_relaxed);
+    }
+}
+
+const Edges::TileEdges& Edges::tile_at(int x, int y) const {
+  const int index = y / kTileHeight * from_.tiles_x() + x / kTileWidth;
+  TileEdges& tile = tiles_[static_cast<std::size_t>(index)];
+  std::call_once(tile.once, [&] { find(index, tile); });
+  return tile;
+}
+
+const Edges::Edge* Edges::edge_of(std::int32_t index) const {
+  const int x = index % from_.width(), y = index / from_.width();
+  const TileEdges& tile = tile_at(x, y);
+  const int which = tile.number[static_cast<std::size_t>(y % kTileHeight * TileEdges::kWidth + x % kTileWidth)];
+  return which < 0 ? nullptr : &tile.edges[static_cast<std::size_t>(which)];
+}
+
+Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
+  const auto [dx, dy] = from_.occluder(mixed);
+  const std::int32_t occluder = mixed + dy * from_.width() + dx;
+  std::int32_t of = mixed;
+  const Edge* edge = edge_of(of);
+  if (!edge) edge = edge_of(of = occluder);
+  if (!edge) return {};
+  const Line& line = edge->line;
+  const auto to_line = [&](Vec2 place) {
+    const Vec2 centre = from_.position(of);
+    return line.d - (place.x - centre.x) * line.nx - (place.y - centre.y) * line.ny;
+  };
+  std::array<float, 1 + kSpare> nx, ny, d, width, bright;
+  nx.fill(line.nx), ny.fill(line.ny), d.fill(to_line({u, v})), width.fill(line.width);
+  line_shares({nx.data(), ny.data(), d.data(), width.data(), 1}, bright.data());
+  const float light = edge->dark + edge->range;
+  if (to_line(from_.position(occluder)) > 0) return {light, edge->dark, bright[0], edge->weight};
+  return {edge->dark, light, 1 - bright[0], edge->weight};
+}
+
+void Edges::sharpen(std::span<const Pixel> pixels) const {
+  constexpr std::size_t kCount = 4 * kMost + kSpare;
+  float nx[kCount], ny[kCount], d[kCount], width[kCount], share[kCount], dark[kCount], range[kCount], overlap[kCount];
+  float* light[kMost];
+  std::size_t count = 0;
+  for (const Pixel& pixel : pixels) {
+    const float left = std::floor(pixel.u), top = std::floor(pixel.v), right = pixel.u - left, low = pixel.v - top;
+    const int x = static_cast<int>(left), y = static_cast<int>(top);
+    if (x < 0 || y < 0 || x + 1 >= from_.width() || y + 1 >= from_.height() || (right == 0 && low == 0)) continue;
+    const TileEdges& tile = tile_at(x, y);
+    const std::int16_t* number = tile.number.data() + y % kTileHeight * TileEdges::kWidth + x % kTileWidth;
+    float sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::size_t at = 4 * count + k;
+      const int which = number[k / 2 * TileEdges::kWidth + k % 2];
+      const float dx = k % 2 ? right - 1 : right, dy = k / 2 ? low - 1 : low;
+      const Edge& edge = which < 0 ? kNoEdge : tile.edges[static_cast<std::size_t>(which)];
+      const Line& line = edge.line;
+      nx[at] = line.nx * pixel.by_x.x + line.ny * pixel.by_x.y,
+      ny[at] = line.nx * pixel.by_y.x + line.ny * pixel.by_y.y;
+      d[at] = line.d - line.nx * dx - line.ny * dy, width[at] = line.width;
+      dark[at] = edge.dark, range[at] = edge.range;
+      overlap[at] = (1 - std::abs(dx)) * (1 - std::abs(dy)) * edge.weight;
+      sum += overlap[at];
+    }
+    if (sum > 0) light[count++] = pixel.light;
+  }
+  for (std::size_t at = 4 * count; at < 4 * count + kSpare; ++at) nx[at] = ny[at] = d[at] = width[at] = 1;
+  line_shares({nx, ny, d, width, 4 * count}, share);
+  for (std::size_t i = 0; i < count; ++i) {
+    float sum = 0, weight = 0;
+    for (std::size_t at = 4 * i; at < 4 * i + 4; ++at) {
+      sum += overlap[at] * (dark[at] + range[at] * share[at]);
+      weight += overlap[at];
+    }
+    *light[i] += std::min(1.0f, weight / kFull) * (sum / weight - *light[i]);
+  }
+}
+
+}  // namespace pecs::sensor::motion
