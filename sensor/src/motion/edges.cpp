@@ -8,12 +8,18 @@
 namespace pecs::sensor::motion {
 namespace {
 
-constexpr float kLeastContrast = 2;  // of the tones; less is left to interpolation
-// Largest error of a fit, relative to the difference of the tones: it counts in full, or not at all; before the fit.
-constexpr float kGood = 0.04f, kBad = 0.1f, kHopeless = 0.5f;
-constexpr float kPure = 0.1f;  // a pixel that differs less from a tone, relative to the difference of both, shows it
-constexpr float kReach_px = 0.8f;  // of the line from the pixel's centre
-constexpr float kLeastWidth_px = 0.05f, kMostWidth_px = 1.2f;
+// An edge counts in full up to the first limit and not at all beyond the second: rounding errors decide nothing.
+struct Limit {
+  float full, none;
+  float part_of(float value) const { return std::clamp((none - value) / (none - full), 0.0f, 1.0f); }
+};
+constexpr Limit kTones{0.45f, 0.5f};   // the darker tone over the brighter one; less contrast is left to interpolation
+constexpr Limit kError{0.04f, 0.1f};   // largest one of a fit, relative to the difference of the tones
+constexpr Limit kMixed{0.05f, 0.15f};  // difference of a pixel from the tone that it shows, relative to the same
+constexpr Limit kDistance_px{0.7f, 0.9f};  // of the line from the pixel's centre
+constexpr Limit kWidth_px{1, 1.2f};
+constexpr float kHopeless = 0.5f;  // error before the fit
+constexpr float kLeastWidth_px = 0.05f;
 constexpr int kSteps = 3;           // of Gauss and Newton
 constexpr float kFull = 1.0f / 16;  // overlap with pixels at edges from which on only edges count
 
@@ -81,7 +87,7 @@ Line improved(const Line& line, const Nine& wanted) {
   }
   Line out = turned(line, by[0]);
   out.d += by[1];
-  out.width = std::clamp(out.width + by[2], kLeastWidth_px, kMostWidth_px);
+  out.width = std::clamp(out.width + by[2], kLeastWidth_px, kWidth_px.none);
   return out;
 }
 
@@ -110,7 +116,7 @@ bool Edges::fits(int x, int y, Edge& out) const {
   for (int k = 0; k < 9; ++k) light[static_cast<std::size_t>(k)] = plane_[here + (k / 3 - 1) * width + k % 3 - 1];
   float dark = light[0], bright = light[0], sum = 0;
   for (const float one : light) dark = std::min(dark, one), bright = std::max(bright, one), sum += one;
-  if (!(dark >= 0 && bright > kLeastContrast * dark && std::isfinite(sum))) return false;
+  if (!(dark >= 0 && dark < kTones.none * bright && std::isfinite(sum))) return false;
   const float range = bright - dark;
   Nine share;
   for (std::size_t k = 0; k < 9; ++k) share[k] = (light[k] - dark) / range;
@@ -122,15 +128,16 @@ bool Edges::fits(int x, int y, Edge& out) const {
   const int two = (along_x ? gx : gy) > 0 ? 2 : -2, dx = along_x ? two : 0, dy = along_x ? 0 : two;
   if (std::min(x, y) < 2 || x + 2 >= width || y + 2 >= from_.height()) return false;
   const float further_dark = plane_[here + dy * width + dx], further_bright = plane_[here - dy * width - dx];
-  if (!(std::abs(further_dark - dark) < kPure * range && std::abs(further_bright - bright) < kPure * range))
-    return false;
+  const float mixed = std::max(std::abs(further_dark - dark), std::abs(further_bright - bright)) / range;
+  if (!(mixed < kMixed.none)) return false;
   Line line{gx / gradient, gy / gradient, share[4] - 0.5f, kLeastWidth_px};
   if (worst(shares<1>({line})[0], share) > kHopeless) return false;
   for (int step = 0; step < kSteps; ++step) line = improved(line, share);
   const float error = worst(shares<1>({line})[0], share);
-  if (error >= kBad || std::abs(line.d) > kReach_px || line.width == kMostWidth_px) return false;
-  out = {line, dark, range, std::min(1.0f, (kBad - error) / (kBad - kGood))};
-  return true;
+  const float weight = kTones.part_of(dark / bright) * kMixed.part_of(mixed) * kError.part_of(error) *
+                       kDistance_px.part_of(std::abs(line.d)) * kWidth_px.part_of(line.width);
+  out = {line, dark, range, weight};
+  return weight > 0;
 }
 
 void Edges::find(int tile, TileEdges& out) const {

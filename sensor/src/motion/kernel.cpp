@@ -179,25 +179,28 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
   }
 }
 
+// In double precision: the differences of the cubes cancel.
 void LineShares(const LinesArguments& lines, float* out) {
-  const F f;
-  const V half = hn::Set(f, 0.5f), least = hn::Set(f, kLeastSlope), six = hn::Set(f, 6.0f), zero = hn::Zero(f);
+  const hn::ScalableTag<double> f;
+  const hn::Rebind<float, decltype(f)> narrow;
+  using V2 = hn::Vec<decltype(f)>;
+  const V2 half = hn::Set(f, 0.5), least = hn::Set(f, kLeastSlope), six = hn::Set(f, 6.0), zero = hn::Zero(f);
   for (std::size_t i = 0; i < lines.count; i += hn::Lanes(f)) {
-    const V a = hn::Max(hn::Abs(hn::LoadU(f, lines.nx + i)), least);
-    const V b = hn::Max(hn::Abs(hn::LoadU(f, lines.ny + i)), least);
-    const V width = hn::LoadU(f, lines.width + i), sum = hn::Add(a, b);
-    const auto cube = [&](V t) {
-      const V p = hn::Max(t, zero);
+    const auto load = [&](const float* from) { return hn::PromoteTo(f, hn::LoadU(narrow, from + i)); };
+    const V2 a = hn::Max(hn::Abs(load(lines.nx)), least), b = hn::Max(hn::Abs(load(lines.ny)), least);
+    const V2 width = load(lines.width), sum = hn::Add(a, b);
+    const auto cube = [&](V2 t) {
+      const V2 p = hn::Max(t, zero);
       return hn::Mul(hn::Mul(p, p), p);
     };
-    const auto integral = [&](V t) {  // of the share, times 2 a b, over d
-      const V beyond = hn::Add(cube(hn::Sub(t, a)), cube(hn::Sub(t, b)));
+    const auto integral = [&](V2 t) {  // of the share, times 6 a b, over t
+      const V2 beyond = hn::Add(cube(hn::Sub(t, a)), cube(hn::Sub(t, b)));
       return hn::Sub(hn::Add(cube(t), cube(hn::Sub(t, sum))), beyond);
     };
-    const V corner = hn::MulAdd(half, sum, hn::LoadU(f, lines.d + i)), reach = hn::Mul(half, width);
-    const V area = hn::Sub(integral(hn::Add(corner, reach)), integral(hn::Sub(corner, reach)));
-    const V share = hn::Div(area, hn::Mul(hn::Mul(six, width), hn::Mul(a, b)));
-    hn::StoreU(hn::Min(hn::Max(share, zero), hn::Set(f, 1.0f)), f, out + i);
+    const V2 corner = hn::MulAdd(half, sum, load(lines.d)), reach = hn::Mul(half, width);
+    const V2 area = hn::Sub(integral(hn::Add(corner, reach)), integral(hn::Sub(corner, reach)));
+    const V2 share = hn::Div(area, hn::Mul(hn::Mul(six, width), hn::Mul(a, b)));
+    hn::StoreU(hn::DemoteTo(narrow, hn::Min(hn::Max(share, zero), hn::Set(f, 1.0))), narrow, out + i);
   }
 }
 

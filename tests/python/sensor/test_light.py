@@ -34,7 +34,7 @@ def carried(stack, frame, fraction, motion, chip=CHIP):
     return pecs.carry(first, second, motion, fraction)
 
 
-def same(found, wanted, rtol=2e-6):
+def same(found, wanted, rtol=1e-5):
     np.testing.assert_allclose(found, wanted, rtol=rtol)
 
 

@@ -50,7 +50,7 @@ class Carrier {
   // Rising fractions in (0, 1), so that nothing moves more than about a step from one to the next. In an interval of
   // this length they are at least a microsecond apart. The distances vary at random by a quarter, other draw by draw:
   // errors of interpolation between planes do not recur at one frequency.
-  static constexpr double kStep_px = 0.4, kStepOfEstimate_px = 1;
+  static constexpr double kStep_px = 0.3, kStepOfEstimate_px = 1;
   std::vector<double> instants(double length_us, double step_px = kStep_px, std::int64_t draw = 0) const;
 
   // Labels (object ids) at pixels and instants, from planes of labels at the start and at the end, [height * width]:
