@@ -21,6 +21,7 @@ constexpr Limit kWidth_px{1, 1.2f};
 constexpr float kHopeless = 0.5f;  // error before the fit
 constexpr float kLeastWidth_px = 0.05f;
 constexpr int kSteps = 3;           // of Gauss and Newton
+constexpr float kSure = 0.1f;       // weight of an outline from which on other estimates do not count
 constexpr float kFull = 1.0f / 16;  // overlap with pixels at edges from which on only edges count
 
 using Line = Edges::Line;
@@ -166,21 +167,19 @@ const Edges::TileEdges& Edges::tile_at(int x, int y) const {
   return tile;
 }
 
-const Edges::Edge* Edges::edge_of(std::int32_t index) const {
+const Edges::Edge& Edges::edge_of(std::int32_t index) const {
   const int x = index % from_.width(), y = index / from_.width();
   const TileEdges& tile = tile_at(x, y);
   const int which = tile.number[static_cast<std::size_t>(y % kTileHeight * TileEdges::kWidth + x % kTileWidth)];
-  return which < 0 ? nullptr : &tile.edges[static_cast<std::size_t>(which)];
+  return which < 0 ? kNoEdge : tile.edges[static_cast<std::size_t>(which)];
 }
 
 Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
   const auto [dx, dy] = from_.occluder(mixed);
   const std::int32_t occluder = mixed + dy * from_.width() + dx;
-  std::int32_t of = mixed;
-  const Edge* edge = edge_of(of);
-  if (!edge) edge = edge_of(of = occluder);
-  if (!edge) return {};
-  const Line& line = edge->line;
+  const std::int32_t of = edge_of(mixed).weight < edge_of(occluder).weight ? occluder : mixed;
+  const Edge& edge = edge_of(of);
+  const Line& line = edge.line;
   const auto to_line = [&](Vec2 place) {
     const Vec2 centre = from_.position(of);
     return line.d - (place.x - centre.x) * line.nx - (place.y - centre.y) * line.ny;
@@ -188,9 +187,9 @@ Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
   std::array<float, 1 + kSpare> nx, ny, d, width, bright;
   nx.fill(line.nx), ny.fill(line.ny), d.fill(to_line({u, v})), width.fill(line.width);
   line_shares({nx.data(), ny.data(), d.data(), width.data(), 1}, bright.data());
-  const float light = edge->dark + edge->range;
-  if (to_line(from_.position(occluder)) > 0) return {light, edge->dark, bright[0], edge->weight};
-  return {edge->dark, light, 1 - bright[0], edge->weight};
+  const float light = edge.dark + edge.range, weight = std::min(1.0f, edge.weight / kSure);
+  if (to_line(from_.position(occluder)) > 0) return {light, edge.dark, bright[0], weight};
+  return {edge.dark, light, 1 - bright[0], weight};
 }
 
 void Edges::sharpen(std::span<const Pixel> pixels) const {

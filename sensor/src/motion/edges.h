@@ -27,7 +27,7 @@ class Edges {
     float dark, range, weight;
   };
 
-  // Both are kept by the caller.
+  // The caller keeps both.
   Edges(const float* plane, const Surfaces& from);
   ~Edges();
 
@@ -42,13 +42,13 @@ class Edges {
   // Replaces interpolated light of at most kMost pixels by that of the edges near them. Thread-safe.
   void sharpen(std::span<const Pixel> pixels) const;
   // At the edge of a mixed pixel of the plane, or of its occluder: the tones of the occluder and of what is behind it,
-  // and the occluder's share in a pixel at (u, v). weight: how well the edge is known, 0 to 1; 0 if there is none.
+  // and the occluder's share in a pixel at (u, v). weight: of the edge against other estimates, 0 to 1.
   struct Outline {
-    float front, back, share, weight;
+    float front = 0, back = 0, share = 0, weight = 0;
   };
   Outline outline(std::int32_t mixed, float u, float v) const;
-  // Whether the pixel of the plane with this index, those right of it and below it, or the one below that, may be at an
-  // edge; other pixels need not be sharpened.
+  // Whether the pixel of the plane with this index, the next one, or one of the two below may be at an edge; pixels of
+  // the warped picture between others need not be sharpened.
   bool may_be_at(std::int32_t index) const {
     return near_[static_cast<std::size_t>(index)].load(std::memory_order_relaxed) != kNo;
   }
@@ -59,7 +59,7 @@ class Edges {
   const TileEdges& tile_at(int x, int y) const;
   void find(int tile, TileEdges& out) const;
   bool fits(int x, int y, Edge& out) const;
-  const Edge* edge_of(std::int32_t index) const;
+  const Edge& edge_of(std::int32_t index) const;  // of weight 0 if there is none
 
   const float* plane_;
   const Surfaces& from_;

@@ -26,7 +26,7 @@ float behind_of(const Surfaces& from, const float* plane, std::int32_t index, co
   };
   for (const auto& [ox, oy] : {std::pair{-dx, -dy}, {-dx, 0}, {0, -dy}, {dy, dx}, {-dy, -dx}})
     if (clean(ox, oy)) return plane[index + oy * from.width() + ox];
-  return outline.weight > 0 ? outline.back : plane[index];
+  return plane[index] + outline.weight * (outline.back - plane[index]);
 }
 
 }  // namespace
@@ -116,7 +116,6 @@ float boundary_light(const Surfaces& from, const SplinePlane& spline, const Visi
   const Edges::Outline outline = spline.edges().outline(boundary.index, boundary.u, boundary.v);
   const float back = behind_of(from, plane, boundary.index, outline);
   if (!std::isfinite(behind)) behind = back;
-  if (outline.weight > 0) return outline.share * outline.front + (1 - outline.share) * behind;
   const auto [dx, dy] = from.occluder(boundary.index);
   const std::int32_t occluder = boundary.index + dy * from.width() + dx;
   const float front = plane[from.joined(occluder, dx, dy) ? occluder + dy * from.width() + dx : occluder];
@@ -135,7 +134,9 @@ float boundary_light(const Surfaces& from, const SplinePlane& spline, const Visi
   const float part = std::clamp(covered + (u * fx + v * fy) / (length * length), 0.0f, 1.0f);
   // High coverage: the keyframe's light with its background exchanged. Low coverage: composed of front and background.
   const float exchanged = light + (1 - part) * (behind - back), composed = part * front + (1 - part) * behind;
-  return std::max(0.0f, part * exchanged + (1 - part) * composed);
+  const float estimated = std::max(0.0f, part * exchanged + (1 - part) * composed);
+  const float drawn = outline.share * outline.front + (1 - outline.share) * behind;
+  return estimated + outline.weight * (drawn - estimated);
 }
 
 float blend(float a, float b, float s) {
