@@ -128,7 +128,7 @@ HWY_INLINE void b_spline(V x, V (&w)[4]) {
 }
 
 void CubicRun(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-              std::size_t count, float* out, std::int32_t* first_of_four) {
+              std::size_t count, float* out, std::int32_t* upper_left) {
   const F f;
   const I32 i32;
   const hn::FixedTag<float, 4> f4;
@@ -136,7 +136,6 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
   const std::size_t lanes = hn::Lanes(f);
   const std::ptrdiff_t below = width;  // to the next row
   HWY_ALIGN float weights_x[4 * kMost], weights_y[4][kMost], sums[4 * kMost], upper[4 * kMost], lower[4 * kMost];
-  HWY_ALIGN std::int32_t offsets[kMost];
   for (std::size_t i = 0; i < count; i += lanes) {
     const auto inside = [&](V at, int size) {
       return hn::Min(hn::Max(at, hn::Set(f, 1.0f)), hn::Set(f, static_cast<float>(size - 3)));
@@ -149,10 +148,9 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
     hn::StoreInterleaved4(wx[0], wx[1], wx[2], wx[3], f, weights_x);
     for (int k = 0; k < 4; ++k) hn::Store(wy[k], f, weights_y[k]);
     const auto offset = hn::Add(hn::Mul(hn::ConvertTo(i32, y), hn::Set(i32, width)), hn::ConvertTo(i32, x));
-    hn::Store(offset, i32, offsets);
-    hn::StoreU(offset, i32, first_of_four + i);
+    hn::StoreU(offset, i32, upper_left + i);
     for (std::size_t k = 0; k < lanes; ++k) {
-      const std::ptrdiff_t first = offsets[k] - width - 1;
+      const std::ptrdiff_t first = upper_left[i + k] - width - 1;
       const float* at = coefficients + first;
       const auto w = [&](int row) { return hn::Set(f4, weights_y[row][k]); };
       auto sum = hn::Mul(w(0), hn::LoadU(f4, at));
@@ -244,8 +242,8 @@ void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, floa
   HWY_DYNAMIC_DISPATCH(SplineRun)(taps, count, out);
 }
 void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-               std::size_t count, float* out, std::int32_t* first) {
-  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out, first);
+               std::size_t count, float* out, std::int32_t* upper_left) {
+  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out, upper_left);
 }
 void line_shares(const LinesArguments& lines, float* out) { HWY_DYNAMIC_DISPATCH(LineShares)(lines, out); }
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out) {

@@ -48,15 +48,15 @@ void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, floa
 // Evaluates the spline (by its coefficients) at positions. The result is clamped to the range of the four nearest
 // pixels of `plane`, widened by kBeyond; at a pixel's centre it is the pixel's value; it is NaN where one of the four
 // is not finite. Planes have more than three rows and columns. Positions within two pixels of the border give wrong
-// values. first: indices of the upper left ones of the four.
+// values. upper_left: index of that one of the four.
 void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-               std::size_t count, float* out, std::int32_t* first);
+               std::size_t count, float* out, std::int32_t* upper_left);
 // How far a value may leave the range of the four pixels: by this part of the range, and downwards by no more than this
 // part of the least.
 constexpr float kBeyond = 0.25f;
 
 // Mean over unit squares of a picture that is 1 where x * nx + y * ny < d from the square's centre, and 0 elsewhere,
-// with a ramp of this width in between. nx and ny are at least kLeastSlope in size.
+// with a ramp of this width in between. The sizes of nx and ny count as at least kLeastSlope.
 constexpr float kLeastSlope = 0.005f;
 struct LinesArguments {
   const float *nx, *ny, *d, *width;
