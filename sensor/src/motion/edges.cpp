@@ -25,7 +25,6 @@ constexpr float kSure = 0.1f;       // weight of an outline from which on other 
 constexpr float kFull = 1.0f / 16;  // overlap with pixels at edges from which on only edges count
 
 using Line = Edges::Line;
-constexpr Edges::Edge kNoEdge{{1, 0, 0, 1}, 0, 0, 0};
 using Nine = std::array<float, 9>;  // pixels [dy + 1][dx + 1]
 
 // The lines' shares of the brighter tone in each of the 3x3 pixels.
@@ -58,20 +57,19 @@ float worst(const Nine& a, const Nine& b) {
   return out;
 }
 
-// One step of Gauss and Newton for angle, distance and width.
-Line improved(const Line& line, const Nine& wanted) {
+// One step of Gauss and Newton for angle, distance and width. now: the line's shares.
+Line improved(const Line& line, const Nine& now, const Nine& wanted) {
   constexpr float kStep = 0.01f, kDamping = 1e-3f, kMost = 0.5f;
-  const std::array<Nine, 4> of = shares<4>({line,
-                                            turned(line, kStep),
-                                            {line.nx, line.ny, line.d + kStep, line.width},
-                                            {line.nx, line.ny, line.d, line.width + kStep}});
+  const std::array<Nine, 3> moved = shares<3>({turned(line, kStep),
+                                               {line.nx, line.ny, line.d + kStep, line.width},
+                                               {line.nx, line.ny, line.d, line.width + kStep}});
   float m[3][4] = {};
   for (std::size_t k = 0; k < 9; ++k) {
     float slope[3];
-    for (std::size_t i = 0; i < 3; ++i) slope[i] = (of[i + 1][k] - of[0][k]) / kStep;
+    for (std::size_t i = 0; i < 3; ++i) slope[i] = (moved[i][k] - now[k]) / kStep;
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j) m[i][j] += slope[i] * slope[j];
-      m[i][3] += slope[i] * (wanted[k] - of[0][k]);
+      m[i][3] += slope[i] * (wanted[k] - now[k]);
     }
   }
   for (int i = 0; i < 3; ++i) m[i][i] += kDamping;
@@ -98,8 +96,11 @@ Line improved(const Line& line, const Nine& wanted) {
 struct Edges::TileEdges {
   static constexpr int kWidth = kTileWidth + 1, kHeight = kTileHeight + 1;
   std::once_flag once;
-  std::vector<Edge> edges;
-  std::array<std::int16_t, std::size_t{kWidth} * kHeight> number;  // of a pixel's edge; -1: none
+  std::vector<Edge> edges{{{1, 0, 0, 1}, 0, 0, 0}};                // the first stands for none
+  std::array<std::int16_t, std::size_t{kWidth} * kHeight> number;  // of a pixel's edge among them
+
+  static std::size_t place(int column, int row) { return static_cast<std::size_t>(row * kWidth + column); }
+  const Edge& at(int column, int row) const { return edges[static_cast<std::size_t>(number[place(column, row)])]; }
 };
 
 Edges::Edges(const float* plane, const Surfaces& from)
@@ -132,10 +133,13 @@ bool Edges::fits(int x, int y, Edge& out) const {
   const float mixed = std::max(std::abs(further_dark - dark), std::abs(further_bright - bright)) / range;
   if (!(mixed < kMixed.none)) return false;
   Line line{gx / gradient, gy / gradient, share[4] - 0.5f, kLeastWidth_px};
-  if (worst(shares<1>({line})[0], share) > kHopeless) return false;
-  for (int step = 0; step < kSteps; ++step) line = improved(line, share);
-  const float error = worst(shares<1>({line})[0], share);
-  const float weight = kTones.part_of(dark / bright) * kMixed.part_of(mixed) * kError.part_of(error) *
+  Nine now = shares<1>({line})[0];
+  if (worst(now, share) > kHopeless) return false;
+  for (int step = 0; step < kSteps; ++step) {
+    line = improved(line, now, share);
+    now = shares<1>({line})[0];
+  }
+  const float weight = kTones.part_of(dark / bright) * kMixed.part_of(mixed) * kError.part_of(worst(now, share)) *
                        kDistance_px.part_of(std::abs(line.d)) * kWidth_px.part_of(line.width);
   out = {line, dark, range, weight};
   return weight > 0;
@@ -144,19 +148,18 @@ bool Edges::fits(int x, int y, Edge& out) const {
 void Edges::find(int tile, TileEdges& out) const {
   const Tile t = from_.tile(tile);
   Edge edge;
-  out.number.fill(-1);
+  out.number.fill(0);
   for (int y = std::max(t.y0, 1); y < std::min(t.y0 + TileEdges::kHeight, from_.height() - 1); ++y)
     for (int x = std::max(t.x0, 1); x < std::min(t.x0 + TileEdges::kWidth, from_.width() - 1); ++x)
       if (fits(x, y, edge)) {
-        out.number[static_cast<std::size_t>((y - t.y0) * TileEdges::kWidth + x - t.x0)] =
-            static_cast<std::int16_t>(out.edges.size());
+        out.number[TileEdges::place(x - t.x0, y - t.y0)] = static_cast<std::int16_t>(out.edges.size());
         out.edges.push_back(edge);
       }
   for (int y = t.y0; y < t.y1; ++y)
     for (int x = t.x0; x < t.x1; ++x) {
-      const std::int16_t* number = out.number.data() + (y - t.y0) * TileEdges::kWidth + x - t.x0;
-      const bool none = std::max({number[0], number[1], number[TileEdges::kWidth], number[TileEdges::kWidth + 1]}) < 0;
-      near_[static_cast<std::size_t>(y * from_.width() + x)].store(none ? kNo : kYes, std::memory_order_relaxed);
+      const std::int16_t* number = out.number.data() + TileEdges::place(x - t.x0, y - t.y0);
+      const bool any = number[0] || number[1] || number[TileEdges::kWidth] || number[TileEdges::kWidth + 1];
+      near_[static_cast<std::size_t>(y * from_.width() + x)].store(any ? kYes : kNo, std::memory_order_relaxed);
     }
 }
 
@@ -169,9 +172,7 @@ const Edges::TileEdges& Edges::tile_at(int x, int y) const {
 
 const Edges::Edge& Edges::edge_of(std::int32_t index) const {
   const int x = index % from_.width(), y = index / from_.width();
-  const TileEdges& tile = tile_at(x, y);
-  const int which = tile.number[static_cast<std::size_t>(y % kTileHeight * TileEdges::kWidth + x % kTileWidth)];
-  return which < 0 ? kNoEdge : tile.edges[static_cast<std::size_t>(which)];
+  return tile_at(x, y).at(x % kTileWidth, y % kTileHeight);
 }
 
 Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
@@ -184,12 +185,10 @@ Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
     const Vec2 centre = from_.position(of);
     return line.d - (place.x - centre.x) * line.nx - (place.y - centre.y) * line.ny;
   };
-  std::array<float, 1 + kSpare> nx, ny, d, width, bright;
-  nx.fill(line.nx), ny.fill(line.ny), d.fill(to_line({u, v})), width.fill(line.width);
-  line_shares({nx.data(), ny.data(), d.data(), width.data(), 1}, bright.data());
+  const float bright = shares<1>({{line.nx, line.ny, to_line({u, v}), line.width}})[0][4];
   const float light = edge.dark + edge.range, weight = std::min(1.0f, edge.weight / kSure);
-  if (to_line(from_.position(occluder)) > 0) return {light, edge.dark, bright[0], weight};
-  return {edge.dark, light, 1 - bright[0], weight};
+  if (to_line(from_.position(occluder)) > 0) return {light, edge.dark, bright, weight};
+  return {edge.dark, light, 1 - bright, weight};
 }
 
 void Edges::sharpen(std::span<const Pixel> pixels) const {
@@ -202,13 +201,11 @@ void Edges::sharpen(std::span<const Pixel> pixels) const {
     const int x = static_cast<int>(left), y = static_cast<int>(top);
     if (x < 0 || y < 0 || x + 1 >= from_.width() || y + 1 >= from_.height() || (right == 0 && low == 0)) continue;
     const TileEdges& tile = tile_at(x, y);
-    const std::int16_t* number = tile.number.data() + y % kTileHeight * TileEdges::kWidth + x % kTileWidth;
     float sum = 0;
     for (std::size_t k = 0; k < 4; ++k) {
       const std::size_t at = 4 * count + k;
-      const int which = number[k / 2 * TileEdges::kWidth + k % 2];
       const float dx = k % 2 ? right - 1 : right, dy = k / 2 ? low - 1 : low;
-      const Edge& edge = which < 0 ? kNoEdge : tile.edges[static_cast<std::size_t>(which)];
+      const Edge& edge = tile.at(x % kTileWidth + static_cast<int>(k % 2), y % kTileHeight + static_cast<int>(k / 2));
       const Line& line = edge.line;
       nx[at] = line.nx * pixel.by_x.x + line.ny * pixel.by_x.y,
       ny[at] = line.nx * pixel.by_y.x + line.ny * pixel.by_y.y;
