@@ -61,10 +61,9 @@ pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, in
 }
 
 pecs_carried* pecs_carried_open(const pecs_carrier* carrier, const float* first, const float* second, int bands,
-                                const char* side, pecs_error* error) {
+                                pecs_error* error) {
   return guard(error, [&] {
     const auto& [motion, pixels] = given(carrier, "carrier");
-    const CarrySide which = side_of(side);
     const std::size_t count = positive(bands, "bands");
     given(first, "first"), given(second, "second");
     std::vector<const float*> a, b;
@@ -72,22 +71,23 @@ pecs_carried* pecs_carried_open(const pecs_carrier* carrier, const float* first,
       a.push_back(first + k * pixels);
       b.push_back(second + k * pixels);
     }
-    return new pecs_carried{motion, {*motion, a, b, which}, count, pixels};
+    return new pecs_carried{motion, {*motion, a, b}, count, pixels};
   });
 }
 
-int pecs_carried_at(const pecs_carried* light, double fraction, const int32_t* boxes, int count, float* out,
-                    int64_t capacity, pecs_error* error) {
+int pecs_carried_at(const pecs_carried* light, double fraction, const char* side, const int32_t* boxes, int count,
+                    float* out, int64_t capacity, pecs_error* error) {
   return guard(error, [&] {
     const auto& [motion, carried, bands, pixels] = given(light, "light");
     check_fraction(fraction);
+    const CarrySide which = side_of(side);
     pecs::capi::need_room(static_cast<int64_t>(bands * pixels), capacity);
     given(out, "out");
     std::vector<float*> to;
     for (std::size_t k = 0; k < bands; ++k) to.push_back(out + k * pixels);
     std::vector<Box> parts;
     for (int k = 0; boxes && k < count; ++k, boxes += 4) parts.push_back({boxes[0], boxes[1], boxes[2], boxes[3]});
-    carried.planes({&fraction, 1}, to, boxes ? std::span<const Box>(parts) : CarriedLight::kWhole);
+    carried.planes({&fraction, 1}, to, boxes ? std::span<const Box>(parts) : CarriedLight::kWhole, which);
     return 0;
   });
 }

@@ -14,8 +14,8 @@ from .events import as_events
 from .stack import StackReader
 
 _open = function("pecs_carrier_open", POINTER, FLOATS, INT, INT, INT)
-_open_light = function("pecs_carried_open", POINTER, POINTER, FLOATS, FLOATS, INT, TEXT)
-_light_at = function("pecs_carried_at", INT, POINTER, DOUBLE, POINTER, INT, FLOATS, INT64)
+_open_light = function("pecs_carried_open", POINTER, POINTER, FLOATS, FLOATS, INT)
+_light_at = function("pecs_carried_at", INT, POINTER, DOUBLE, TEXT, POINTER, INT, FLOATS, INT64)
 _close_light = function("pecs_carried_close", None, POINTER, error=False)
 _labels = function("pecs_carrier_labels", INT, POINTER, INTEGERS, INTEGERS, DOUBLE, INTEGERS, INT64)
 _close = function("pecs_carrier_close", None, POINTER, error=False)
@@ -86,33 +86,37 @@ class Carrier(Handle):
 class CarriedLight(Handle):
     """The light between two keyframes [H, W] or [bands, H, W], warped along the motion; prepared once for any number of
     instants. The carrier may be closed afterwards; contiguous float32 keyframes are not copied and must not change.
-
-    `side`: "both"; "first" or "second" is what this keyframe alone predicts, NaN where it does not show the surface.
     """
 
     _free = staticmethod(_close_light)
 
-    def __init__(self, carrier: Carrier, first: ArrayLike, second: ArrayLike, side: str = "both"):
+    def __init__(self, carrier: Carrier, first: ArrayLike, second: ArrayLike):
         a, b = (np.ascontiguousarray(unmasked("keyframes", v), np.float32) for v in (first, second))
         if a.shape != b.shape or a.ndim not in (2, 3):
             raise ValueError(f"keyframes: got shapes {a.shape} and {b.shape}, wanted two of [H, W] or [bands, H, W]")
         carrier._check_size(a.shape[-2:])
         self._keyframes = a, b  # the library has pointers to them
-        super().__init__(carrier._call(_open_light, a, b, 1 if a.ndim == 2 else len(a), side.encode()))
+        super().__init__(carrier._call(_open_light, a, b, 1 if a.ndim == 2 else len(a)))
 
     def at(
-        self, fraction: float, boxes: ArrayLike | None = None, out: NDArray[np.float32] | None = None
+        self,
+        fraction: float,
+        boxes: ArrayLike | None = None,
+        out: NDArray[np.float32] | None = None,
+        side: str = "both",
     ) -> NDArray[np.float32]:
         """The light at one instant (`fraction` of the interval, 0 to 1), in the shape of the keyframes.
 
         `boxes` [n, 4] (left, top, right, bottom [px]) are the parts to compute; light elsewhere is unspecified. `out`
-        is filled and returned.
+        is filled and returned. `side`: "both"; "first" or "second" is what this keyframe alone predicts, NaN where it
+        does not show the surface.
         """
         shape = self._keyframes[0].shape
         out = np.full(shape, np.nan, np.float32) if out is None else out
         check_out("out", out, np.float32, shape)
         some = np.ascontiguousarray(() if boxes is None else boxes, np.int32).reshape(-1, 4)
-        self._call(_light_at, fraction, None if boxes is None else some.ctypes.data, len(some), out, out.size)
+        parts = None if boxes is None else some.ctypes.data
+        self._call(_light_at, fraction, side.encode(), parts, len(some), out, out.size)
         return out
 
 
@@ -125,7 +129,7 @@ def carry(
         half = pecs.carry(stack.read_frame(0), stack.read_frame(1), stack.read_layer("motion", 0), 0.5)
     """
     with Carrier(motion) as carrier:
-        return CarriedLight(carrier, first, second, side).at(fraction)
+        return CarriedLight(carrier, first, second).at(fraction, side=side)
 
 
 def carry_labels(first: ArrayLike, second: ArrayLike, motion: ArrayLike, fraction: float) -> NDArray[np.int32]:

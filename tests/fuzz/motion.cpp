@@ -35,12 +35,12 @@ void carry(fuzz::Bytes in) {
   std::vector<std::vector<float>> together(fractions.size(), std::vector<float>(pixels));
   std::vector<float*> out;
   for (std::vector<float>& plane : together) out.push_back(plane.data());
-  const sensor::CarriedLight carried(carrier, {planes, 1}, {planes + 1, 1}, side);
-  carried.planes(fractions, out);
+  const sensor::CarriedLight carried(carrier, {planes, 1}, {planes + 1, 1});
+  carried.planes(fractions, out, sensor::CarriedLight::kWhole, side);
   std::vector<float> alone(pixels);
   float* const one = alone.data();
   for (std::size_t i = 0; i < fractions.size(); ++i) {
-    carried.planes({&fractions[i], 1}, {&one, 1});
+    carried.planes({&fractions[i], 1}, {&one, 1}, sensor::CarriedLight::kWhole, side);
     if (!same(alone, together[i])) fuzz::defect("an instant alone is another than among others");
   }
 

@@ -75,7 +75,7 @@ Plane carry(const Carrier& carrier, const Plane& a, const Plane& b, double s, Ca
   Plane out(kPixels);
   const float *first = a.data(), *second = b.data();
   float* to = out.data();
-  CarriedLight(carrier, {&first, 1}, {&second, 1}, side).planes({&s, 1}, {&to, 1});
+  CarriedLight(carrier, {&first, 1}, {&second, 1}).planes({&s, 1}, {&to, 1}, CarriedLight::kWhole, side);
   return out;
 }
 

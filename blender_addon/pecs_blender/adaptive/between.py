@@ -77,12 +77,27 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Rendered:
-    """The rendered parts of a step. current: photocurrent [height, width], NaN elsewhere. done, wrong: tiles that are
-    rendered, and those in which the photocurrent differs from the prediction."""
+    """The rendered parts of a step, in the tiles `done`. current: photocurrent [height, width], NaN elsewhere.
+    differing: blocks in which it differs from the prediction; wrong: tiles with such blocks."""
 
     current: np.ndarray
     done: np.ndarray
-    wrong: np.ndarray
+    differing: np.ndarray
+
+    @property
+    def wrong(self) -> np.ndarray:
+        return of_blocks(self.differing)
+
+
+@dataclass(frozen=True)
+class PartialKeyframe:
+    """fast: tiles with surfaces that move or turn too far. differing: blocks whose light the whole keyframes do not
+    explain. found: whether a sample of each pixel detected such blocks where no difference was expected."""
+
+    picture: Picture
+    fast: np.ndarray
+    differing: np.ndarray
+    found: bool
 
 
 class Between:
@@ -103,46 +118,45 @@ class Between:
         self._frame = interval.first.frame.copy()  # with what was rendered since in its place
         self._residual: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # pixels and ln(rendered / warped), by step
         self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
-        self._last_carried: Carried | None = None
+        self._last_carried: tuple[np.ndarray, Carried] | None = None  # strengths of lamps
 
-    def refine(self) -> None:
+    def refine(self, fast: np.ndarray | None = None) -> None:
+        """fast: the only tiles in which a sample of each pixel detects changes."""
         it = self._interval
-        self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True)
+        self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True, fast)
 
-    def keyframe(self, step: int, fast: np.ndarray) -> Picture:
-        """The picture at a step, in which these tiles, what is hidden at both keyframes, and where motion does not
-        explain the light are rendered. Lamps have constant strength."""
-        it, expected = self._interval, self._prediction(step)
-        glance = self._glance(step)
-        wrong = fast | self._disagreeing(step, hidden=True) | self._differing_from(glance, step)
-        self._frame = self._warped_frame(step)
+    def keyframe(self, step: int, fast: np.ndarray, tiles: np.ndarray | None = None) -> PartialKeyframe:
+        """The picture at a step, in which the fast tiles, what is hidden at both keyframes, and where motion does not
+        explain the light are rendered. Lamps have constant strength. tiles: those that are known to be wrong, instead
+        of the fast ones and where the keyframes disagree; a sample of each pixel looks for more in the fast ones."""
+        it, expected, nowhere = self._interval, self._prediction(step), np.isnan(self._sides(step)).all(0)
+        if tiles is None:
+            looks_at, known = None, fast | self._disagreeing(step) | tiles_with(~grown(~nowhere))  # 3x3 pixels
+        else:
+            looks_at, known = grown(fast), tiles | tiles_with(nowhere)
+        glance = self._glance(step, looks_at)
+        seen = self._differing_from(glance, step, looks_at)
         light = expected.light((0, 0, *self._stage.size)).copy()
-        rendered = self._render_wrong(expected, wrong, light)
-        if not self._is_denoised:
-            return Picture(self._frame, light, None, glance)
-        self._merge_denoised(expected, rendered, light)
         raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
+        self._light.bands_of(self._frame)[:] = raw  # around what is rendered
+        rendered = self._render_wrong(expected, known | seen, light)
+        found = bool((seen & ~grown(known) & rendered.wrong).any())
+        if not self._is_denoised:
+            return PartialKeyframe(Picture(self._frame, light, None, glance), fast, rendered.differing, found)
+        self._merge_denoised(expected, rendered, light)
         for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
             raw[at(box)] = part
-        return Picture(self._frame, raw, light, glance)
+        return PartialKeyframe(Picture(self._frame, raw, light, glance), fast, rendered.differing, found)
 
-    def _warped_frame(self, step: int) -> np.ndarray:
-        """The frame as the keyframes give it. What is rendered in it receives diffraction from this light around it."""
-        it, out = self._interval, self._interval.first.frame.copy()
-        halves = [self._light.halves(one.frame) for one in (it.first, it.second)]
-        warped = pecs.CarriedLight(it.carrier, *halves).at(self._fraction(step))
-        self._light.set_halves(out, np.where(np.isfinite(warped), warped, halves[0]))
-        return out
-
-    def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool) -> None:
+    def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool, fast: np.ndarray | None) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.
-        looks: whether a sample of each pixel finds more such tiles; also in the halves, if the rendered middle confirms
-        some of them."""
+        looks: whether a sample of each pixel, or of those in the fast tiles, finds more such tiles; also in the halves,
+        if the rendered middle confirms some of them."""
         middle = (low + high) // 2
         if middle == low:
             return
         if looks:
-            seen = self._differing_from(self._glance(middle), middle)
+            seen = self._differing_from(self._glance(middle, fast), middle, fast)
             new, wrong = seen & ~grown(wrong), wrong | seen
         bends = self._lamps_bend(low, high)
         if not (wrong.any() or bends):
@@ -161,8 +175,8 @@ class Between:
         self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
         self._residual[middle] = _log_ratio(rendered.current, expected.warped)
         looks = looks and bool((new & rendered.wrong).any())
-        self._halve(low, middle, rendered.wrong, looks)
-        self._halve(middle, high, rendered.wrong, looks)
+        self._halve(low, middle, rendered.wrong, looks, fast)
+        self._halve(middle, high, rendered.wrong, looks, fast)
 
     def _render_wrong(self, expected: Prediction, wrong: np.ndarray, light: np.ndarray) -> Rendered:
         """Renders the wrong tiles, growing until the new picture agrees with the prediction at its border; into `light`
@@ -170,6 +184,7 @@ class Between:
         judge, factors, size = self._judge, self._stage.factors, self._stage.size
         current, halves = np.full((2, *size[::-1]), np.nan, np.float32)
         more, done = wrong, np.zeros_like(wrong)
+        differing = np.zeros(tiles_of(*size, BLOCK_PX), bool)
         for _ in range(ROUNDS):
             if not more.any():
                 break
@@ -189,8 +204,8 @@ class Between:
             expected.fill(near)
             compared = halves if self._is_denoised else None
             differing = judge.differing_in(near, expected.photocurrent, current, compared)
-            wrong, more = of_blocks(differing), of_blocks(grown(differing)) & ~done
-        return Rendered(current, done, wrong)
+            more = of_blocks(grown(differing)) & ~done
+        return Rendered(current, done, differing)
 
     def _merge_denoised(self, expected: Prediction, rendered: Rendered, light: np.ndarray) -> None:
         """Writes the denoised light of the rendered pixels into `light`. Where nothing changed, it is the keyframe's: a
@@ -237,28 +252,32 @@ class Between:
         keyframes = self._interval.first, self._interval.second
         return [self._judge.photocurrent(getattr(one, of), factors) for one in keyframes]
 
-    def _disagreeing(self, step: int, hidden: bool = False) -> np.ndarray:
-        """Tiles in which the keyframes, warped to a step, differ. hidden: also where none of both shows 3x3 pixels."""
-        it, (first, second), fraction = self._interval, self._photocurrents(step), self._fraction(step)
-        a, b = (pecs.CarriedLight(it.carrier, first, second, side).at(fraction) for side in ("first", "second"))
-        nowhere = np.isnan(a) & np.isnan(b)
-        a, b = np.where(nowhere, first, a), np.where(nowhere, second, b)
-        differing = self._judge.differing(self._judge.interpolable(a, b, it.path_px), b)
-        return differing | tiles_with(~grown(~nowhere)) if hidden else differing
+    def _sides(self, step: int) -> np.ndarray:
+        """[2, height, width]: photocurrent as each keyframe alone gives it, NaN where it does not show the surface."""
+        current, _ = self._carried(step)
+        return np.stack([current.at(self._fraction(step), side=side) for side in ("first", "second")])
 
-    def _glance(self, step: int) -> np.ndarray:
+    def _disagreeing(self, step: int) -> np.ndarray:
+        """Tiles in which the keyframes, warped to a step, differ."""
+        sides = self._sides(step)
+        a, b = np.where(np.isnan(sides).all(0), self._photocurrents(step), sides)
+        return self._judge.differing(self._judge.interpolable(a, b, self._interval.path_px), b)
+
+    def _glance(self, step: int, tiles: np.ndarray | None) -> np.ndarray:
         self._stage.set_time(self._grid_s[step])
-        return self._light.glance()
+        return self._light.glance(tiles)
 
-    def _differing_from(self, glance: np.ndarray, step: int) -> np.ndarray:
-        """Tiles in which a step's glance differs from those of the keyframes, as far as the step's light is known."""
+    def _differing_from(self, glance: np.ndarray, step: int, tiles: np.ndarray | None) -> np.ndarray:
+        """Tiles in which a step's glance, in these tiles, differs from those of the keyframes, as far as the step's
+        light is known."""
         now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
-
-        def differing(of: str) -> np.ndarray:
-            carried = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, of))
-            return self._judge.glances_differ(carried.at(self._fraction(step)) * change, now)
-
-        return differing("glance") & differing("raw")  # noise of one sample seldom differs from both
+        boxes_px = None if tiles is None else part_boxes(tiles, *self._stage.size)
+        glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
+        differing = (
+            self._judge.glances_differ(carried.at(self._fraction(step), boxes_px) * change, now)
+            for carried in (glances, self._carried(step)[0])
+        )
+        return np.logical_and(*differing)  # noise of one sample seldom differs from both
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""
@@ -283,17 +302,18 @@ class Between:
         return np.count_nonzero(~followed) > LAMP_SHARE * followed.size
 
     def _prediction(self, step: int) -> Prediction:
+        bands = len(self._judge.weights)
+        return Prediction(self._fraction(step), self._change(step), self._carried(step), bands, self._channels)
+
+    def _carried(self, step: int) -> Carried:
         """At the step's strengths of lamps."""
-        if self._last_carried is None or self._stage.lamps.names:
-            factors = self._stage.lamps.factors(self._grid_s[step])
+        factors = self._stage.lamps.factors(self._grid_s[step])
+        if self._last_carried is None or not np.array_equal(self._last_carried[0], factors):
             keyframes, carrier = (self._interval.first, self._interval.second), self._interval.carrier
             written = (self._judge.lit(one.written, factors) for one in keyframes)
-            self._last_carried = (
-                pecs.CarriedLight(carrier, *self._photocurrents(step)),
-                pecs.CarriedLight(carrier, *written),
-            )
-        bands = len(self._judge.weights)
-        return Prediction(self._fraction(step), self._change(step), self._last_carried, bands, self._channels)
+            current = pecs.CarriedLight(carrier, *self._photocurrents(step))
+            self._last_carried = factors, (current, pecs.CarriedLight(carrier, *written))
+        return self._last_carried[1]
 
     def _change(self, step: int) -> np.ndarray:
         """Rendered over warped photocurrent [height, width]: the residual interpolated between rendered pictures, as in

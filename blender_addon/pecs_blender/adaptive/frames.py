@@ -19,10 +19,10 @@ from pecs.motion import CHANNELS
 
 from ..camera.light import Light
 from ..camera.stage import Stage
-from ..camera.tiles import tiles_under
+from ..camera.tiles import grown, in_blocks, tiles_under, tiles_with
 from ..output import Layer, Output
 from ..truth.surfaces import HitCache, Recent, SurfaceHits
-from .between import Between, KeyframeInterval
+from .between import Between, KeyframeInterval, PartialKeyframe
 from .changed import ChangedParts, Picture
 from .judge import Judge
 from .keyframes import Keyframes, Paths
@@ -56,14 +56,25 @@ def _usable(motion: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Division:
-    """An interval of whole keyframes that partial ones divide. start, end: grid indices; first, last: hits there; fast:
-    [2, height, width], pixels of both that show surfaces that move or turn too far."""
+    """An interval of whole keyframes that partial ones divide. start, end: grid indices; first, last: hits there; fast,
+    turning: [2, height, width], pixels of both that show surfaces that move or turn too far, and that turn too far."""
 
     start: int
     end: int
     first: SurfaceHits
     last: SurfaceHits
     fast: np.ndarray
+    turning: np.ndarray
+
+
+@dataclass(frozen=True)
+class Middle:
+    """The partial keyframe in the middle of a division. wrong: as Division.turning, of surfaces whose light is not that
+    of the whole keyframes there."""
+
+    index: int
+    keyframe: PartialKeyframe
+    wrong: np.ndarray
 
 
 def _moves(motion: np.ndarray) -> np.ndarray:
@@ -104,8 +115,9 @@ class Adaptive:
             self._anchors.append(number if begins else self._anchors[-1])
         self._own: dict[int, Picture] = {}  # before samples are shared
         self._shared: Recent[Picture] = Recent(3)
-        self._partial: Recent[Picture] = Recent(2)
+        self._partial: Recent[PartialKeyframe] = Recent(2)
         self._divided: Recent[Division] = Recent(1)
+        self._middles: Recent[Middle] = Recent(1)
         self._paths = Paths(stage, step_px) if keyframes.partial else None
         self._slow_px = step_px * stage.subpixels  # the longest path of what is not rendered in partial keyframes
         hits.keep(2 * SHARED + 4)
@@ -134,7 +146,7 @@ class Adaptive:
         motion = _usable(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
             path_px = float(np.nan_to_num(np.hypot(*_moves(motion))).max())
-            self._between(index, start, end, first, second, motion, path_px).refine()
+            self._between(index, start, end, first, second, motion, path_px).refine(self._looks_at(index))
         self._output.write_layer("motion", index, motion)
 
     def _between(
@@ -154,29 +166,63 @@ class Adaptive:
     def keyframe(self, index: int) -> Picture:
         """A whole keyframe after sample sharing, or a partial one."""
         if index in self._keyframes.partial:
-            return self._partial.get(index, self._in_part)
+            return self._partial.get(index, self._in_part).picture
         return self._shared.get(self._whole.index(index), self._share_samples)
 
-    def _in_part(self, index: int) -> Picture:
-        """A partial keyframe: the fast part and what the whole keyframes around do not explain, in their light."""
+    def _in_part(self, index: int) -> PartialKeyframe:
+        """A partial keyframe: what the whole keyframes around do not explain, in their light. Unless something appeared
+        in the middle one, this is what turns too far, and the surfaces that they do not explain there."""
         number = bisect(self._whole, index) - 1
+        middle = self._middles.get(number, self._middle)
+        if index == middle.index:
+            return middle.keyframe
+        between, places = self._around(number, index)
+        of, size, step = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys[index]
+        wrong = None if middle.keyframe.found else tiles_under(places[:, middle.wrong | of.turning], size)
+        return between.keyframe(step, tiles_under(places[:, of.fast], size), wrong)
+
+    def _middle(self, number: int) -> Middle:
+        of, size, keys = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys
+        inside = (i for i in self._keyframes.partial if of.start < keys[i] < of.end)
+        index = min(inside, key=lambda i: abs(2 * keys[i] - of.start - of.end))
+        between, places = self._around(number, index)
+        keyframe = between.keyframe(keys[index], tiles_under(places[:, of.fast], size))
+        return Middle(index, keyframe, in_blocks(places, grown(keyframe.differing)))
+
+    def _around(self, number: int, index: int) -> tuple[Between, np.ndarray]:
+        """What lies between the whole keyframes around a partial one, along motion that is exact in it, and the places
+        [2, 2, height, width] there, x and y, of the surfaces seen in both."""
         of = self._divided.get(number, self._divide)
         first, second = (self._shared.get(n % len(self._whole), self._share_samples) for n in (number, number + 1))
-        step = self._keyframes.keys[index]
-        from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, step, of.end))
+        from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, self._keyframes.keys[index], of.end))
         part = (t_s - from_s) / (to_s - from_s)
         motion = _usable(self._motion.through(of.first, of.last, t_s, part))
         moves = _moves(motion) * np.array([part, 1 - part])[:, None, None]
-        places = moves + self._hits.surfaces.sight.centres()[:, None]
         between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
-        return between.keyframe(step, tiles_under(places[:, of.fast], self._stage.size))
+        return between, moves + self._hits.surfaces.sight.centres()[:, None]
+
+    def _looks_at(self, index: int) -> np.ndarray | None:
+        """The tiles between a keyframe and the next one in which changes are looked for: all of them, unless partial
+        keyframes divide the interval and nothing but fast surfaces is known to change in it."""
+        ends = (index, index + 1)
+        if not any(i in self._keyframes.partial for i in ends):
+            return None
+        number = bisect(self._whole, index) - 1
+        if self._middles.get(number, self._middle).keyframe.found:
+            return None
+        whole = self._divided.get(number, self._divide).fast
+        tiles = (
+            self._partial.get(i, self._in_part).fast if i in self._keyframes.partial else tiles_with(whole[side])
+            for side, i in enumerate(ends)
+        )
+        return grown(np.logical_or(*tiles))
 
     def _divide(self, number: int) -> Division:
         keys, whole = self._keyframes.keys, self._whole
         start, end = keys[whole[number]], [*(keys[i] for i in whole[1:]), self._keyframes.ends[-1]][number]
         from_s, to_s = self._grid_s[start], self._grid_s[end]
-        fast = self._paths.fast(from_s, to_s, self._stage.size)
-        return Division(start, end, self._hits.at(from_s), self._hits.at(to_s), fast)
+        fast, turning = self._paths.fast(from_s, to_s, self._stage.size)
+        return Division(start, end, self._hits.at(from_s), self._hits.at(to_s), fast, turning)
 
     def _share_samples(self, number: int) -> Picture:
         """Averages a whole keyframe with its neighbours, each warped to its instant, where they show the same surface

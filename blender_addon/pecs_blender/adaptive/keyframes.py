@@ -127,11 +127,11 @@ class Paths:
         return np.max(required, axis=0)
 
     def fast(self, from_s: float, to_s: float, size: tuple[int, int]) -> np.ndarray:
-        """[2, height, width]: pixels of pictures of this size at two instants that show surfaces that move or turn too
-        far in between."""
-        far = np.array([_far(used) > 1 for used in self._ways(from_s, to_s)])
+        """[2, 2, height, width]: pixels of pictures of this size at two instants that show surfaces that move or turn
+        too far in between, and those that turn too far."""
+        far = np.array([(_far(used) > 1, used[2:].max(0) > 1) for used in self._ways(from_s, to_s)]).swapaxes(0, 1)
         x, y = (np.arange(n) * own // n for n, own in zip(size, self._surfaces.size, strict=True))
-        return far[:, y][:, :, x]
+        return far[:, :, y][..., x]
 
     def _ways(self, from_s: float, to_s: float) -> list[np.ndarray] | None:
         """What `_used` returns, of the surfaces seen at each of the two instants; None across a cut."""

@@ -75,19 +75,6 @@ class Light(Layer):
         """Half the difference of the halves' bands of a frame, if it is denoised."""
         return frame[len(self._to_film) : 2 * len(self._to_film)]
 
-    def halves(self, frame: np.ndarray) -> np.ndarray:
-        """The light of a frame from each half of its samples, one after the other, if it is denoised."""
-        mean, half = self.bands_of(frame), self.halves_of(frame)
-        return np.concatenate([mean + half, mean - half]) if self._denoiser else mean
-
-    def set_halves(self, frame: np.ndarray, light: np.ndarray) -> None:
-        """Sets what `halves` returns."""
-        if self._denoiser:
-            a, b = np.split(light, 2)
-            self.bands_of(frame)[:], self.halves_of(frame)[:] = (a + b) / 2, (a - b) / 2
-        else:
-            self.bands_of(frame)[:] = light
-
     def filter_boxes(self, tiles: np.ndarray) -> list[Box]:
         """Boxes that cover the tiles, in the least time that `raw_parts` and `clean_parts` take: the denoiser's, which
         takes ten times as long as diffraction, if there is one."""
@@ -114,7 +101,7 @@ class Light(Layer):
 
     def refresh(self, frame: np.ndarray, boxes_px: list[Box]) -> None:
         """Renders the current instant into these boxes of a frame that is as `fresh` returns it."""
-        passes, bands = range(len(self._stage.passes)), len(self._to_film)
+        passes, bands = self._stage.passes, len(self._to_film)
         if self._denoiser:
             halves = self._rendered(passes, boxes_px, (0, self._call_samples), denoise.GUIDES)
             patches = [
@@ -127,17 +114,23 @@ class Light(Layer):
             frame[at(box)] = patch
         self._light_up(frame)  # also across the borders of boxes
 
-    def glance(self) -> np.ndarray:
+    def glance(self, tiles: np.ndarray | None = None) -> np.ndarray:
         """[bands, height, width] of the current instant, before diffraction, from the first sample of each pixel, which
-        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass."""
-        brightest = int(np.argmax([self._stage.weights[one.bands].sum() for one in self._stage.passes]))
-        ((frame,),) = self._rendered(range(brightest, brightest + 1), [(0, 0, *self._stage.size)], samples=1)
+        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass. tiles:
+        the only ones that are rendered; NaN elsewhere."""
+        size, weights = self._stage.size, self._stage.weights
+        brightest = max(self._stage.passes, key=lambda one: weights[one.bands].sum())
+        boxes_px = [(0, 0, *size)] if tiles is None else boxes(tiles, *size, CALL_RAYS)
+        frame = np.full((len(self._to_film), *size[::-1]), np.nan, np.float32)
+        (patches,) = self._rendered((brightest,), boxes_px, samples=1)
+        for box, patch in zip(boxes_px, patches, strict=True):
+            frame[at(box)] = np.nan_to_num(patch, copy=False)
         self._light_up(frame)
-        return np.nan_to_num(frame, copy=False)
+        return frame
 
     def _rendered(
         self,
-        passes: range,
+        passes: tuple[lenses.Pass, ...],
         boxes_px: list[Box],
         firsts: tuple[int, ...] = (0,),
         guides: tuple[str, ...] = (),
@@ -148,7 +141,7 @@ class Light(Layer):
         scene, channels = self._stage.source.scene, len(self._to_film) + denoise.CHANNELS * len(guides)
         shapes = [(channels, bottom - top, right - left) for left, top, right, bottom in boxes_px]
         rendered = [[np.full(shape, np.nan, np.float32) for shape in shapes] for _ in firsts]
-        for count, one in enumerate((self._stage.passes[k] for k in passes), 1):
+        for count, one in enumerate(passes, 1):
             camera = self._stage.camera_of(one)
             if scene.camera != camera:  # Blender builds its dependency graphs again: 130 ms in scenes/street
                 scene.camera = camera

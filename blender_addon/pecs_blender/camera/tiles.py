@@ -116,10 +116,23 @@ def tiles_with(pixels: np.ndarray, side: int = TILE_PX) -> np.ndarray:
 
 def tiles_under(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Tiles in which these places [2, n], x and y in pixels, lie; NaN is ignored. size: width, height."""
-    tiles, (x, y) = np.zeros(tiles_of(*size), bool), places
-    inside = (x >= 0) & (y >= 0) & (x < size[0]) & (y < size[1])
-    tiles[y[inside].astype(int) // TILE_PX, x[inside].astype(int) // TILE_PX] = True
+    tiles = np.zeros(tiles_of(*size), bool)
+    tiles[_square_of(places, tiles, TILE_PX)[1]] = True
     return tiles
+
+
+def in_blocks(places: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """[...]: whether these places [2, ...], x and y in pixels, lie in the blocks; NaN lies in none."""
+    inside, at = _square_of(places, blocks, BLOCK_PX)
+    inside[inside] = blocks[at]
+    return inside
+
+
+def _square_of(places: np.ndarray, squares: np.ndarray, side: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Which places lie in the picture, and the indices of their squares."""
+    (x, y), (rows, columns) = places / side, squares.shape
+    inside = (x >= 0) & (y >= 0) & (x < columns) & (y < rows)
+    return inside, (y[inside].astype(int), x[inside].astype(int))
 
 
 def pixels_of(tiles: np.ndarray, size: tuple[int, int], side: int = TILE_PX) -> np.ndarray:

@@ -274,8 +274,8 @@ class _Moves:
             return
         one, other = (np.array([id(g) for g in poses.geometries]) for poses in (before, after))
         self._deforms = one[before.geometry] != other[after.geometry[at]]
-        unmoved = (before.world_from_local == after.world_from_local[at]).all((1, 2))
-        self.still = there & unmoved & ~self._deforms & before.view.same(after.view)
+        self._stays = (before.world_from_local == after.world_from_local[at]).all((1, 2)) & ~self._deforms
+        self.still = there & self._stays & before.view.same(after.view)
         self.moving = there & ~self.still
 
     def __call__(self, instance: np.ndarray, points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
@@ -283,28 +283,25 @@ class _Moves:
         before, after = self._before, self._after
         if not instance.size:
             return points
+        world_from_camera = np.linalg.inv(before.view.camera_from_world)
+        now = transformed(after.view.camera_from_world @ world_from_camera, points)  # of what stays in the world
+        moving = np.flatnonzero(~self._stays[instance])
+        instance, points = instance[moving], points[:, moving]
         used = np.flatnonzero(np.bincount(instance, minlength=len(before.ids)))
         short = np.searchsorted(used, instance)
-        local_from_camera = _inverse(before.world_from_local[used]) @ np.linalg.inv(before.view.camera_from_world)
+        local_from_camera = _inverse(before.world_from_local[used]) @ world_from_camera
         camera_from_local = after.view.camera_from_world @ after.world_from_local[self._there[used]]
-        now = _each(camera_from_local @ local_from_camera, short, points)
-        if self._deforms[used].any():
-            for k, one in enumerate(used):
-                if self._deforms[one]:
-                    of = np.flatnonzero(short == k)
-                    geometries = (
-                        before.geometries[before.geometry[one]],
-                        after.geometries[after.geometry[self._there[one]]],
-                    )
-                    local = carried(*geometries, polygon[of], transformed(local_from_camera[k], points[:, of]))
-                    now[:, of] = transformed(camera_from_local[k], local)
+        now[:, moving] = _each(camera_from_local @ local_from_camera, short, points)
+        for k in np.flatnonzero(self._deforms[used]):
+            of, there = np.flatnonzero(short == k), self._there[used[k]]
+            shapes = before.geometries[before.geometry[used[k]]], after.geometries[after.geometry[there]]
+            local = carried(*shapes, polygon[moving[of]], transformed(local_from_camera[k], points[:, of]))
+            now[:, moving[of]] = transformed(camera_from_local[k], local)
         return now
 
 
 def _each(matrices: np.ndarray, index: np.ndarray, points: np.ndarray) -> np.ndarray:
     """matrices[index] of points [3, n]"""
-    if len(matrices) == 1:
-        return transformed(matrices[0], points)
     rows = [sum(matrices[index, r, c] * points[c] for c in range(3)) + matrices[index, r, 3] for r in range(3)]
     return np.stack(rows)
 

@@ -280,16 +280,15 @@ PECS_API char* pecs_sense(const char* input, const char* output, const char* opt
 typedef struct pecs_carrier pecs_carrier;
 PECS_API pecs_carrier* pecs_carrier_open(const float* motion, int channels, int width, int height, pecs_error* error);
 /* The light of both keyframes, prepared for any number of instants. first, second: [bands][height][width], any positive
- * light. side: NULL or "both"; "first" or "second": what that keyframe alone predicts, NaN where it does not show it.
- * `first` and `second` must outlive it. Threads may share it. */
+ * light, which must outlive it. Threads may share it. */
 typedef struct pecs_carried pecs_carried;
 PECS_API pecs_carried* pecs_carried_open(const pecs_carrier* carrier, const float* first, const float* second,
-                                         int bands, const char* side, pecs_error* error);
-/* Light at a fraction, 0 (the first keyframe) to 1. boxes: NULL for the whole picture, or `count` times left, top,
- * right, bottom [pixels]; light outside them is unspecified. out: [bands][height][width]. capacity: of out, in floats.
- */
-PECS_API int pecs_carried_at(const pecs_carried* light, double fraction, const int32_t* boxes, int count, float* out,
-                             int64_t capacity, pecs_error* error);
+                                         int bands, pecs_error* error);
+/* Light at a fraction, 0 (the first keyframe) to 1. side: NULL or "both"; "first" or "second": what that keyframe alone
+ * predicts, NaN where it does not show it. boxes: NULL for the whole picture, or `count` times left, top, right, bottom
+ * [pixels]; light outside them is unspecified. out: [bands][height][width]. capacity: of out, in floats. */
+PECS_API int pecs_carried_at(const pecs_carried* light, double fraction, const char* side, const int32_t* boxes,
+                             int count, float* out, int64_t capacity, pecs_error* error);
 PECS_API void pecs_carried_close(pecs_carried* light);
 /* Numbers of what is seen (object ids) between two planes of them, [height][width]: each pixel gets that of the surface
  * point which is visible there at `fraction`, never blended. What neither plane shows is what both have at the pixel,

@@ -19,9 +19,8 @@ using namespace motion;
 namespace motion {
 struct PreparedLight {
   std::vector<const float*> planes[2]{};  // of either keyframe
-  CarrySide side = CarrySide::both;
-  std::once_flag once{};
-  std::vector<SplinePlane> splines[2]{};  // empty for a keyframe that is not used
+  std::once_flag once[2]{};
+  std::vector<SplinePlane> splines[2]{};  // empty for a keyframe that was not used
 };
 }  // namespace motion
 
@@ -34,13 +33,13 @@ class TileWork {
       : from_(light), tile_(tile), width_(static_cast<std::size_t>(width)) {}
 
   // A tile that nothing moves over. out: one plane per plane of the keyframes.
-  void still(float s, std::span<float* const> out) {
+  void still(float s, CarrySide side, std::span<float* const> out) {
     for (std::size_t k = 0; k < out.size(); ++k) {
       load(from_.planes[0][k], light_[0]);
       load(from_.planes[1][k], light_[1]);
-      const bool both = from_.side == CarrySide::both;
+      const bool both = side == CarrySide::both;
       if (both) blend_run(light_[0], light_[1], s, kTilePixels, out_);
-      store(both ? out_ : light_[from_.side == CarrySide::first ? 0 : 1], out[k]);
+      store(both ? out_ : light_[side == CarrySide::first ? 0 : 1], out[k]);
     }
   }
 
@@ -178,22 +177,21 @@ std::vector<char> tiles_in(const Surfaces& picture, std::size_t count, std::span
 }  // namespace
 
 CarriedLight::CarriedLight(const Carrier& carrier, std::span<const float* const> first,
-                           std::span<const float* const> second, CarrySide side)
+                           std::span<const float* const> second)
     : interval_(*carrier.interval_), light_(std::make_unique<PreparedLight>()) {
   light_->planes[0].assign(first.begin(), first.end());
   light_->planes[1].assign(second.begin(), second.end());
-  light_->side = side;
 }
 
 CarriedLight::~CarriedLight() = default;
 
-void CarriedLight::planes(std::span<const double> fractions, std::span<float* const> out,
-                          std::span<const Box> boxes) const {
+void CarriedLight::planes(std::span<const double> fractions, std::span<float* const> out, std::span<const Box> boxes,
+                          CarrySide side) const {
   const Carrier::KeyframeInterval& in = interval_;
   PreparedLight& light = *light_;
   const std::size_t count = light.planes[0].size();
   const int width = in.first.width(), height = in.first.height();
-  const auto uses = [&](int keyframe) { return light.side != (keyframe ? CarrySide::first : CarrySide::second); };
+  const auto uses = [&](int keyframe) { return side != (keyframe ? CarrySide::first : CarrySide::second); };
   const auto is_keyframe = [&](double s) { return (s <= 0 && uses(0)) || (s >= 1 && uses(1)); };
   for (std::size_t k = 0; k < out.size(); ++k)
     if (const double s = fractions[k / count]; is_keyframe(s))
@@ -201,13 +199,13 @@ void CarriedLight::planes(std::span<const double> fractions, std::span<float* co
                   static_cast<std::size_t>(width) * static_cast<std::size_t>(height), out[k]);
   if (std::ranges::all_of(fractions, is_keyframe)) return;
   if (!std::ranges::all_of(in.near, &Carrier::KeyframeInterval::Near::still))
-    std::call_once(light.once, [&] {
-      tbb::this_task_arena::isolate([&] {  // a task of this thread that waits for the flag would never end
-        for (int v = 0; v < 2; ++v)
-          for (std::size_t k = 0; uses(v) && k < count; ++k)
-            light.splines[v].emplace_back(light.planes[v][k], v ? in.second : in.first);
-      });
-    });
+    for (int v = 0; v < 2; ++v)
+      if (uses(v))
+        std::call_once(light.once[v], [&] {
+          tbb::this_task_arena::isolate([&] {  // a task of this thread that waits for the flag would never end
+            for (const float* plane : light.planes[v]) light.splines[v].emplace_back(plane, v ? in.second : in.first);
+          });
+        });
   const std::vector<char> wanted = tiles_in(in.first, in.near.size(), boxes);
   tbb::parallel_for(std::size_t{0}, in.near.size(), [&](std::size_t i) {
     if (!wanted[i]) return;
@@ -220,7 +218,7 @@ void CarriedLight::planes(std::span<const double> fractions, std::span<float* co
       if (is_keyframe(s)) continue;
       const auto to = out.subspan(f * count, count);
       if (near.still) {
-        work.still(static_cast<float>(s), to);
+        work.still(static_cast<float>(s), side, to);
         continue;
       }
       if (uses(0)) a.look(Weights(s), tile, near.first);

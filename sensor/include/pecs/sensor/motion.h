@@ -75,14 +75,13 @@ struct Box {
   int x0 = 0, y0 = 0, x1 = kMaxSide, y1 = kMaxSide;
 };
 
-// The light of both keyframes of an interval, prepared for any number of instants at the first that needs it.
+// The light of both keyframes of an interval, each prepared for any number of instants at the first that needs it.
 // Thread-safe.
 class CarriedLight {
  public:
   // Planes of light at the start and at the end, each [height * width]. The caller keeps them, and the carrier's
   // motion (which may be moved from one Carrier to another).
-  CarriedLight(const Carrier& carrier, std::span<const float* const> first, std::span<const float* const> second,
-               CarrySide side = CarrySide::both);
+  CarriedLight(const Carrier& carrier, std::span<const float* const> first, std::span<const float* const> second);
   ~CarriedLight();
 
   // Planes of light at fractions s, [fraction][plane]. One call for several costs less than several calls. s = 0 and
@@ -90,8 +89,8 @@ class CarriedLight {
   // blended in ln, with weight s of the second; a point that one keyframe shows is taken from it. Pixels whose point
   // neither shows, or whose motion is unknown, are blended in place; with one side they are NaN. Light that is not
   // finite counts as not visible. Outside the boxes planes are unspecified. In the caller's TBB arena.
-  void planes(std::span<const double> fractions, std::span<float* const> out,
-              std::span<const Box> boxes = kWhole) const;
+  void planes(std::span<const double> fractions, std::span<float* const> out, std::span<const Box> boxes = kWhole,
+              CarrySide side = CarrySide::both) const;
   static constexpr Box kWhole[] = {{}};
 
  private:
