@@ -133,14 +133,14 @@ class Between:
         if tiles is None:
             looks_at, known = None, fast | self._disagreeing(step) | tiles_with(~grown(~nowhere))  # 3x3 pixels
         else:
-            looks_at, known = grown(fast), tiles | tiles_with(nowhere)
+            looks_at, known = fast, tiles | tiles_with(nowhere)
         glance = self._glance(step, looks_at)
         seen = self._differing_from(glance, step, looks_at)
         light = expected.light((0, 0, *self._stage.size)).copy()
         raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
         self._light.bands_of(self._frame)[:] = raw  # around what is rendered
         rendered = self._render_wrong(expected, known | seen, light)
-        found = bool((seen & ~grown(known) & rendered.wrong).any())
+        found = bool((seen & ~grown(grown(known)) & rendered.wrong).any())
         if not self._is_denoised:
             return PartialKeyframe(Picture(self._frame, light, None, glance), fast, rendered.differing, found)
         self._merge_denoised(expected, rendered, light)
@@ -258,10 +258,10 @@ class Between:
         return np.stack([current.at(self._fraction(step), side=side) for side in ("first", "second")])
 
     def _disagreeing(self, step: int) -> np.ndarray:
-        """Tiles in which the keyframes, warped to a step, differ."""
+        """Tiles in which a keyframe, warped to a step, differs from the mean of both."""
         sides = self._sides(step)
         a, b = np.where(np.isnan(sides).all(0), self._photocurrents(step), sides)
-        return self._judge.differing(self._judge.interpolable(a, b, self._interval.path_px), b)
+        return self._judge.differing((self._judge.interpolable(a, b, self._interval.path_px) + b) / 2, b)
 
     def _glance(self, step: int, tiles: np.ndarray | None) -> np.ndarray:
         self._stage.set_time(self._grid_s[step])

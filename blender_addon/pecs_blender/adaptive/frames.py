@@ -19,7 +19,7 @@ from pecs.motion import CHANNELS
 
 from ..camera.light import Light
 from ..camera.stage import Stage
-from ..camera.tiles import grown, in_blocks, tiles_under, tiles_with
+from ..camera.tiles import in_blocks, tiles_under, tiles_with
 from ..output import Layer, Output
 from ..truth.surfaces import HitCache, Recent, SurfaceHits
 from .between import Between, KeyframeInterval, PartialKeyframe
@@ -187,7 +187,7 @@ class Adaptive:
         index = min(inside, key=lambda i: abs(2 * keys[i] - of.start - of.end))
         between, places = self._around(number, index)
         keyframe = between.keyframe(keys[index], tiles_under(places[:, of.fast], size))
-        return Middle(index, keyframe, in_blocks(places, grown(keyframe.differing)))
+        return Middle(index, keyframe, in_blocks(places, keyframe.differing))
 
     def _around(self, number: int, index: int) -> tuple[Between, np.ndarray]:
         """What lies between the whole keyframes around a partial one, along motion that is exact in it, and the places
@@ -215,7 +215,7 @@ class Adaptive:
             self._partial.get(i, self._in_part).fast if i in self._keyframes.partial else tiles_with(whole[side])
             for side, i in enumerate(ends)
         )
-        return grown(np.logical_or(*tiles))
+        return np.logical_or(*tiles)
 
     def _divide(self, number: int) -> Division:
         keys, whole = self._keyframes.keys, self._whole

@@ -32,7 +32,7 @@ LONGEST = 256  # grid steps; limits aliasing of periodic motion
 PARTS = 8  # of an interval
 FAST = np.array([0.01, 0.05, 0.1, 0.2, 0.3])  # of the picture: what is rendered in partial keyframes covers less
 GAIN = 2  # intervals with partial keyframes are longer by this factor
-PARTIAL_COST, TILES = 0.25, 2.5  # of a partial keyframe, in whole ones: fixed, and per FAST (whole tiles are rendered)
+PARTIAL_COST, TILES = 0.15, 3  # of a partial keyframe, in whole ones: fixed, and per FAST (whole tiles are rendered)
 PLAN_SCALE = 0.25  # size of the pictures on which motion is measured, of the sensor's
 
 
@@ -224,12 +224,15 @@ def _choose(
             longer, _ = _longest(max(guesses[1], GAIN * steps), paths, ends_s, of)
             if longer >= GAIN * steps:
                 guesses[1] = whole = longer
-        while keys[-1] + steps < start + whole:
+        end, most = start + whole, start + len(ends_s) - 1
+        while keys[-1] + steps < end:
             partial.append(len(keys))
             keys.append(keys[-1] + steps)
-            ends_s = grid_s[keys[-1] : start + whole + 1]
-            steps, _ = _longest(steps, paths, ends_s, 0)
-        keys.append(start + whole)
+            steps, _ = _longest(steps, paths, grid_s[keys[-1] : end + 1], 0)
+        if start < keys[-1] and end < most and 2 * (end - keys[-1]) < keys[-1] - keys[-2]:
+            partial.pop()  # the last partial one is the whole one: a short interval costs as much as a long one
+        else:
+            keys.append(end)
         progress("", keys[-1], last)
     if plan.period_ns:
         keys.pop()
