@@ -129,11 +129,11 @@ class Between:
         """The picture at a step, in which the fast tiles, what is hidden at both keyframes, and where motion does not
         explain the light are rendered. Lamps have constant strength. tiles: those that are known to be wrong, instead
         of the fast ones and where the keyframes disagree; a sample of each pixel looks for more in the fast ones."""
-        it, expected, nowhere = self._interval, self._prediction(step), np.isnan(self._sides(step)).all(0)
+        it, expected = self._interval, self._prediction(step)
         if tiles is None:
-            looks_at, known = None, fast | self._disagreeing(step) | tiles_with(~grown(~nowhere))  # 3x3 pixels
+            looks_at, known = None, self._unexplained(step, fast)
         else:
-            looks_at, known = fast, tiles | tiles_with(nowhere)
+            looks_at, known = fast, tiles | tiles_with(self._nowhere(step))
         glance = self._glance(step, looks_at)
         seen = self._differing_from(glance, step, looks_at)
         light = expected.light((0, 0, *self._stage.size)).copy()
@@ -147,6 +147,15 @@ class Between:
         for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
             raw[at(box)] = part
         return PartialKeyframe(Picture(self._frame, raw, light, glance), fast, rendered.differing, found)
+
+    def appears(self, step: int, fast: np.ndarray) -> bool:
+        """Whether a sample of each pixel detects changes at a step where none is expected, and more samples confirm
+        it."""
+        known = self._unexplained(step, fast)
+        new = self._differing_from(self._glance(step, None), step, None) & ~grown(grown(known))
+        expected, size = self._prediction(step), self._stage.size
+        light = np.empty((self._channels, *size[::-1]), np.float32)
+        return bool((new & self._render_wrong(expected, new, light).wrong).any())
 
     def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool, fast: np.ndarray | None) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.
@@ -256,6 +265,14 @@ class Between:
         """[2, height, width]: photocurrent as each keyframe alone gives it, NaN where it does not show the surface."""
         current, _ = self._carried(step)
         return np.stack([current.at(self._fraction(step), side=side) for side in ("first", "second")])
+
+    def _nowhere(self, step: int) -> np.ndarray:
+        """Pixels [height, width] that neither keyframe shows."""
+        return np.isnan(self._sides(step)).all(0)
+
+    def _unexplained(self, step: int, fast: np.ndarray) -> np.ndarray:
+        """The fast tiles, and those in which the keyframes differ at a step or both hide 3x3 pixels."""
+        return fast | self._disagreeing(step) | tiles_with(~grown(~self._nowhere(step)))
 
     def _disagreeing(self, step: int) -> np.ndarray:
         """Tiles in which a keyframe, warped to a step, differs from the mean of both."""

@@ -30,6 +30,7 @@ from .sharing import average_samples
 
 SHARED = 2  # keyframes on each side whose samples are shared
 ANCHOR_EVERY = 64  # keyframes; also at a cut
+LOOK_EVERY = 4  # partial keyframes: in them, a sample of each pixel detects changes everywhere
 
 # Motion as written: its files are a third as large as without rounding
 MOTION_STEP_PX = 2.0**-10
@@ -70,11 +71,13 @@ class Division:
 @dataclass(frozen=True)
 class Middle:
     """The partial keyframe in the middle of a division. wrong: as Division.turning, of surfaces whose light is not that
-    of the whole keyframes there."""
+    of the whole keyframes there. found: whether something appears in it, or in others of the division, that they do not
+    show."""
 
     index: int
     keyframe: PartialKeyframe
     wrong: np.ndarray
+    found: bool
 
 
 def _moves(motion: np.ndarray) -> np.ndarray:
@@ -170,24 +173,30 @@ class Adaptive:
         return self._shared.get(self._whole.index(index), self._share_samples)
 
     def _in_part(self, index: int) -> PartialKeyframe:
-        """A partial keyframe: what the whole keyframes around do not explain, in their light. Unless something appeared
-        in the middle one, this is what turns too far, and the surfaces that they do not explain there."""
+        """A partial keyframe: what the whole keyframes around do not explain, in their light. Unless something appears
+        between them, this is what turns too far, and the surfaces that they do not explain in the middle one."""
         number = bisect(self._whole, index) - 1
         middle = self._middles.get(number, self._middle)
         if index == middle.index:
             return middle.keyframe
         between, places = self._around(number, index)
         of, size, step = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys[index]
-        wrong = None if middle.keyframe.found else tiles_under(places[:, middle.wrong | of.turning], size)
+        wrong = None if middle.found else tiles_under(places[:, middle.wrong | of.turning], size)
         return between.keyframe(step, tiles_under(places[:, of.fast], size), wrong)
 
     def _middle(self, number: int) -> Middle:
         of, size, keys = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys
-        inside = (i for i in self._keyframes.partial if of.start < keys[i] < of.end)
+        inside = [i for i in self._keyframes.partial if of.start < keys[i] < of.end]
         index = min(inside, key=lambda i: abs(2 * keys[i] - of.start - of.end))
         between, places = self._around(number, index)
         keyframe = between.keyframe(keys[index], tiles_under(places[:, of.fast], size))
-        return Middle(index, keyframe, in_blocks(places, keyframe.differing))
+        others = (i for i in inside if i != index and (i - index) % LOOK_EVERY == 0)
+        found = keyframe.found or any(self._appears(of, number, i) for i in others)
+        return Middle(index, keyframe, in_blocks(places, keyframe.differing), found)
+
+    def _appears(self, of: Division, number: int, index: int) -> bool:
+        between, places = self._around(number, index)
+        return between.appears(self._keyframes.keys[index], tiles_under(places[:, of.fast], self._stage.size))
 
     def _around(self, number: int, index: int) -> tuple[Between, np.ndarray]:
         """What lies between the whole keyframes around a partial one, along motion that is exact in it, and the places
@@ -208,7 +217,7 @@ class Adaptive:
         if not any(i in self._keyframes.partial for i in ends):
             return None
         number = bisect(self._whole, index) - 1
-        if self._middles.get(number, self._middle).keyframe.found:
+        if self._middles.get(number, self._middle).found:
             return None
         whole = self._divided.get(number, self._divide).fast
         tiles = (
