@@ -123,7 +123,8 @@ class Between:
     def refine(self, fast: np.ndarray | None = None) -> None:
         """fast: the only tiles in which a sample of each pixel detects changes."""
         it = self._interval
-        self._halve(it.start, it.end, self._disagreeing((it.start + it.end) // 2), True, fast)
+        middle = (it.start + it.end) // 2
+        self._halve(it.start, it.end, self._disagreeing(middle, self._sides(middle)), True, fast)
 
     def keyframe(self, step: int, fast: np.ndarray, tiles: np.ndarray | None = None) -> PartialKeyframe:
         """The picture at a step, in which the fast tiles, what is hidden at both keyframes, and where motion does not
@@ -133,26 +134,27 @@ class Between:
         if tiles is None:
             looks_at, known = None, self._unexplained(step, fast)
         else:
-            looks_at, known = fast, tiles | tiles_with(self._nowhere(step))
-        glance = self._glance(step, looks_at)
-        seen = self._differing_from(glance, step, looks_at)
+            looks_at, known = fast, tiles | tiles_with(np.isnan(self._sides(step)).all(0))
+        glance, seen = self._look(step, looks_at)
         light = expected.light((0, 0, *self._stage.size)).copy()
-        raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
+        raw = light
+        if self._is_denoised:
+            raw = pecs.CarriedLight(it.carrier, it.first.raw, it.second.raw).at(self._fraction(step))
         self._light.bands_of(self._frame)[:] = raw  # around what is rendered
         rendered = self._render_wrong(expected, known | seen, light)
+        if self._is_denoised:
+            self._merge_denoised(expected, rendered, light)
+            for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
+                raw[at(box)] = part
         found = bool((seen & ~grown(grown(known)) & rendered.wrong).any())
-        if not self._is_denoised:
-            return PartialKeyframe(Picture(self._frame, light, None, glance), fast, rendered.differing, found)
-        self._merge_denoised(expected, rendered, light)
-        for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
-            raw[at(box)] = part
-        return PartialKeyframe(Picture(self._frame, raw, light, glance), fast, rendered.differing, found)
+        picture = Picture(self._frame, raw, light if self._is_denoised else None, glance)
+        return PartialKeyframe(picture, fast, rendered.differing, found)
 
     def appears(self, step: int, fast: np.ndarray) -> bool:
         """Whether a sample of each pixel detects changes at a step where none is expected, and more samples confirm
         it."""
-        known = self._unexplained(step, fast)
-        new = self._differing_from(self._glance(step, None), step, None) & ~grown(grown(known))
+        _, seen = self._look(step, None)
+        new = seen & ~grown(grown(self._unexplained(step, fast)))
         expected, size = self._prediction(step), self._stage.size
         light = np.empty((self._channels, *size[::-1]), np.float32)
         return bool((new & self._render_wrong(expected, new, light).wrong).any())
@@ -165,7 +167,7 @@ class Between:
         if middle == low:
             return
         if looks:
-            seen = self._differing_from(self._glance(middle, fast), middle, fast)
+            _, seen = self._look(middle, fast)
             new, wrong = seen & ~grown(wrong), wrong | seen
         bends = self._lamps_bend(low, high)
         if not (wrong.any() or bends):
@@ -266,27 +268,21 @@ class Between:
         current, _ = self._carried(step)
         return np.stack([current.at(self._fraction(step), side=side) for side in ("first", "second")])
 
-    def _nowhere(self, step: int) -> np.ndarray:
-        """Pixels [height, width] that neither keyframe shows."""
-        return np.isnan(self._sides(step)).all(0)
-
     def _unexplained(self, step: int, fast: np.ndarray) -> np.ndarray:
         """The fast tiles, and those in which the keyframes differ at a step or both hide 3x3 pixels."""
-        return fast | self._disagreeing(step) | tiles_with(~grown(~self._nowhere(step)))
-
-    def _disagreeing(self, step: int) -> np.ndarray:
-        """Tiles in which a keyframe, warped to a step, differs from the mean of both."""
         sides = self._sides(step)
+        return fast | self._disagreeing(step, sides) | tiles_with(~grown(~np.isnan(sides).all(0)))
+
+    def _disagreeing(self, step: int, sides: np.ndarray) -> np.ndarray:
+        """Tiles in which a keyframe, warped to a step, differs from the mean of both. sides: as _sides returns them."""
         a, b = np.where(np.isnan(sides).all(0), self._photocurrents(step), sides)
         return self._judge.differing((self._judge.interpolable(a, b, self._interval.path_px) + b) / 2, b)
 
-    def _glance(self, step: int, tiles: np.ndarray | None) -> np.ndarray:
+    def _look(self, step: int, tiles: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Moves the scene to a step. Its glance in these tiles, by default in all, and those in which it differs from
+        the keyframes' glances, as far as the step's light is known."""
         self._stage.set_time(self._grid_s[step])
-        return self._light.glance(tiles)
-
-    def _differing_from(self, glance: np.ndarray, step: int, tiles: np.ndarray | None) -> np.ndarray:
-        """Tiles in which a step's glance, in these tiles, differs from those of the keyframes, as far as the step's
-        light is known."""
+        glance = self._light.glance(tiles)
         now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
         boxes_px = None if tiles is None else part_boxes(tiles, *self._stage.size)
         glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
@@ -294,7 +290,7 @@ class Between:
             self._judge.glances_differ(carried.at(self._fraction(step), boxes_px) * change, now)
             for carried in (glances, self._carried(step)[0])
         )
-        return np.logical_and(*differing)  # noise of one sample seldom differs from both
+        return glance, np.logical_and(*differing)  # noise of one sample seldom differs from both
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""

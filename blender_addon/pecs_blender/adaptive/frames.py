@@ -179,28 +179,28 @@ class Adaptive:
         middle = self._middles.get(number, self._middle)
         if index == middle.index:
             return middle.keyframe
-        between, places = self._around(number, index)
-        of, size, step = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys[index]
-        wrong = None if middle.found else tiles_under(places[:, middle.wrong | of.turning], size)
-        return between.keyframe(step, tiles_under(places[:, of.fast], size), wrong)
+        of, step = self._divided.get(number, self._divide), self._keyframes.keys[index]
+        between, places, fast = self._around(number, index)
+        wrong = None if middle.found else tiles_under(places[:, middle.wrong | of.turning], self._stage.size)
+        return between.keyframe(step, fast, wrong)
 
     def _middle(self, number: int) -> Middle:
-        of, size, keys = self._divided.get(number, self._divide), self._stage.size, self._keyframes.keys
+        of, keys = self._divided.get(number, self._divide), self._keyframes.keys
         inside = [i for i in self._keyframes.partial if of.start < keys[i] < of.end]
         index = min(inside, key=lambda i: abs(2 * keys[i] - of.start - of.end))
-        between, places = self._around(number, index)
-        keyframe = between.keyframe(keys[index], tiles_under(places[:, of.fast], size))
+        between, places, fast = self._around(number, index)
+        keyframe = between.keyframe(keys[index], fast)
         others = (i for i in inside if i != index and (i - index) % LOOK_EVERY == 0)
-        found = keyframe.found or any(self._appears(of, number, i) for i in others)
+        found = keyframe.found or any(self._appears(number, i) for i in others)
         return Middle(index, keyframe, in_blocks(places, keyframe.differing), found)
 
-    def _appears(self, of: Division, number: int, index: int) -> bool:
-        between, places = self._around(number, index)
-        return between.appears(self._keyframes.keys[index], tiles_under(places[:, of.fast], self._stage.size))
+    def _appears(self, number: int, index: int) -> bool:
+        between, _, fast = self._around(number, index)
+        return between.appears(self._keyframes.keys[index], fast)
 
-    def _around(self, number: int, index: int) -> tuple[Between, np.ndarray]:
-        """What lies between the whole keyframes around a partial one, along motion that is exact in it, and the places
-        [2, 2, height, width] there, x and y, of the surfaces seen in both."""
+    def _around(self, number: int, index: int) -> tuple[Between, np.ndarray, np.ndarray]:
+        """What lies between the whole keyframes around a partial one, along motion that is exact in it, the places
+        [2, 2, height, width] there, x and y, of the surfaces seen in both, and the tiles under fast ones."""
         of = self._divided.get(number, self._divide)
         first, second = (self._shared.get(n % len(self._whole), self._share_samples) for n in (number, number + 1))
         from_s, t_s, to_s = (self._grid_s[i] for i in (of.start, self._keyframes.keys[index], of.end))
@@ -208,7 +208,8 @@ class Adaptive:
         motion = _usable(self._motion.through(of.first, of.last, t_s, part))
         moves = _moves(motion) * np.array([part, 1 - part])[:, None, None]
         between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
-        return between, moves + self._hits.surfaces.sight.centres()[:, None]
+        places = moves + self._hits.surfaces.sight.centres()[:, None]
+        return between, places, tiles_under(places[:, of.fast], self._stage.size)
 
     def _looks_at(self, index: int) -> np.ndarray | None:
         """The tiles between a keyframe and the next one in which changes are looked for: all of them, unless partial

@@ -49,7 +49,7 @@ class Light(Layer):
         rays = replace(sampling, samples=sampling.samples * stage.rays_per_sample)
         scene.cycles.samples, scene.cycles.seed = rays.samples, rays.seed
         self._call_samples = rays.samples // 2 if sampling.denoise else rays.samples
-        self._call_px = (CALL_RAYS if sampling.device == "CPU" else GPU_CALL_RAYS) / self._call_samples
+        self._call_rays = CALL_RAYS if sampling.device == "CPU" else GPU_CALL_RAYS
         to_film = stage.unit[:, None, None]
         if stage.lens and not any(stage.lens.tilt_deg):  # tables of flat films
             to_film = to_film * lenses.even_out(stage.lens, stage.passes, stage.lambda_nm, stage.size, rays)
@@ -95,7 +95,7 @@ class Light(Layer):
         """Renders the current instant into boxes of a frame that cover these tiles, and returns them. around: also what
         diffraction brings into them from around them."""
         around_px = self._around_px if around else 0
-        boxes_px = boxes(tiles, *self._stage.size, self._call_px, around_px)
+        boxes_px = boxes(tiles, *self._stage.size, self._call_rays / self._call_samples, around_px)
         self.refresh(frame, [self._grown(box, around_px) for box in boxes_px])
         return boxes_px
 
@@ -120,7 +120,7 @@ class Light(Layer):
         the only ones that are rendered; NaN elsewhere."""
         size, weights = self._stage.size, self._stage.weights
         brightest = max(self._stage.passes, key=lambda one: weights[one.bands].sum())
-        boxes_px = [(0, 0, *size)] if tiles is None else boxes(tiles, *size, CALL_RAYS)
+        boxes_px = [(0, 0, *size)] if tiles is None else boxes(tiles, *size, self._call_rays)
         frame = np.full((len(self._to_film), *size[::-1]), np.nan, np.float32)
         (patches,) = self._rendered((brightest,), boxes_px, samples=1)
         for box, patch in zip(boxes_px, patches, strict=True):
