@@ -5,6 +5,9 @@ import os
 import sys
 from pathlib import Path
 
+# Before NumPy is imported: a call for a small matrix would wake threads that wait actively for 0.1 s.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 if __package__ in (None, ""):  # blender --background --python …/__main__.py -- render …
     here = Path(__file__).resolve().parent
     sys.path[:0] = [str(here.parent), str(here.parents[1] / "python")]
