@@ -8,9 +8,12 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "clip.h"
+#include "light/moving_light.h"
+#include "motion/kernel.h"
 #include "pecs/error.h"
 
 namespace pecs::sensor {
@@ -216,6 +219,85 @@ TEST(Motion, StillStaysStill) {
   EXPECT_EQ(carrier.longest_path_px(), 0);
   const Plane a = light(translation(0, 0), 0);
   EXPECT_TRUE(same_bits(carry(carrier, a, a, 0.3), a));
+}
+
+// Columns up to 60 move down by 16 pixels, the others by one.
+struct TwoSpeeds {
+  static double down(double x) { return x < 60 ? 16 : 1; }
+  const Motion motion{[](double x, double y, double t) { return Point2{x, y - down(x) * t}; },
+                      [](double x, double y, double t) { return Point2{x, y + down(x) * t}; }};
+  const Plane first = spared(light(motion, 0)), second = spared(light(motion, 1));
+
+  static Plane spared(Plane plane) {
+    plane.resize(kPixels + motion::kSpare);
+    return plane;
+  }
+  std::unique_ptr<LightInterval> interval(std::size_t lights) const {
+    auto out = std::make_unique<LightInterval>();
+    LightInterval& in = *out;
+    in.first.assign(lights, first.data());
+    in.second.assign(lights, second.data());
+    in.carrier.emplace(layer(motion), kWidth, kHeight);
+    in.carried.emplace(*in.carrier, in.first, in.second);
+    const std::vector<double> instants = in.carrier->instants(1e6);
+    in.instants.insert(in.instants.end(), instants.begin(), instants.end());
+    return out;
+  }
+  // Planes at all instants. interpolated: where that is allowed.
+  static std::vector<Plane> planes(const LightInterval& in, int subpixels, bool interpolated) {
+    const int width = kWidth / subpixels, height = kHeight / subpixels;
+    MovingLight moving(width, height, subpixels, std::vector<const Mosaic*>(in.first.size()));
+    std::vector<Plane> out;
+    const auto keep = [&](std::size_t, std::span<const float* const> some) {
+      for (const float* plane : some) out.emplace_back(plane, plane + width * height);
+      return true;
+    };
+    EXPECT_TRUE(interpolated ? moving.along(in, keep) : moving.planes(in, in.instants, {0, height}, keep));
+    return out;
+  }
+};
+
+TEST(Motion, SlowPartsAreInterpolated) {
+  const TwoSpeeds scene;
+  for (const int subpixels : {1, 2}) {
+    const std::unique_ptr<LightInterval> interval = scene.interval(1);
+    const LightInterval& in = *interval;
+    const int width = kWidth / subpixels;
+    const std::vector<Plane> all = TwoSpeeds::planes(in, subpixels, false),
+                             some = TwoSpeeds::planes(in, subpixels, true);
+    ASSERT_EQ(some.size(), in.instants.size());
+    float fast = 0, slow = 0;
+    for (std::size_t k = 0; k < all.size(); ++k)
+      for (std::size_t i = 0; i < all[k].size(); ++i) {
+        const int x = static_cast<int>(i) % width * subpixels, y = static_cast<int>(i) / width * subpixels;
+        if (y < 4 || y >= kHeight - 4 || x >= kWidth - 4) continue;  // light at the picture's border is less exact
+        float& most = x < 64 ? fast : slow;
+        most = std::max(most, std::abs(std::log(some[k][i] / all[k][i])));
+      }
+    EXPECT_EQ(fast, 0);
+    EXPECT_GT(slow, 0);
+    EXPECT_LT(slow, 1e-3);
+  }
+}
+
+TEST(Motion, WhatIsInterpolatedDependsOnNoOtherLight) {
+  const TwoSpeeds scene;
+  const std::vector<Plane> one = TwoSpeeds::planes(*scene.interval(1), 1, true);
+  const std::vector<Plane> many = TwoSpeeds::planes(*scene.interval(100), 1, true);  // smaller batches
+  for (std::size_t k = 0; k < one.size(); ++k) EXPECT_TRUE(same_bits(one[k], many[100 * k + 99])) << k;
+}
+
+TEST(Motion, WhatPicturesCorrectIsNotInterpolated) {
+  const TwoSpeeds scene;
+  const std::unique_ptr<LightInterval> interval = scene.interval(1);
+  LightInterval& in = *interval;
+  Plane rendered(kPixels, kNaN);
+  rendered[at(120, 70)] = 2 * scene.first[at(120, 70)];
+  in.residuals.resize(1);
+  in.residuals[0].add(0.5, rendered, std::span(scene.first).first(kPixels));
+  in.residuals[0].close();
+  const std::vector<Plane> all = TwoSpeeds::planes(in, 1, false), some = TwoSpeeds::planes(in, 1, true);
+  for (std::size_t k = 0; k < all.size(); ++k) EXPECT_EQ(some[k][at(120, 70)], all[k][at(120, 70)]) << k;
 }
 
 // A block of 30 x 20 pixels of another light before a still texture.

@@ -4,7 +4,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <numeric>
 
 #include "light/float_math.h"
 #include "motion/kernel.h"
@@ -65,75 +67,186 @@ MovingLight::MovingLight(int width, int height, int subpixels, std::vector<const
 bool MovingLight::planes(const LightInterval& interval, std::span<const double> fractions, Region rows,
                          const Sink& sink) {
   const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * lights_));
-  std::vector<const float*> out;
+  const int side = static_cast<int>(side_);
+  const Box box{.y0 = rows.begin * side, .y1 = rows.end * side};
   for (std::size_t k = 0; k < fractions.size(); k += room) {
-    out.clear();
-    batch(interval, fractions.subspan(k, std::min(room, fractions.size() - k)), rows, out);
-    if (lights_ > mosaics_.size()) pick(rows, out);
-    if (!sink(k, out)) return false;
+    std::vector<std::size_t> slots(std::min(room, fractions.size() - k));
+    std::iota(slots.begin(), slots.end(), std::size_t{0});
+    compute(interval, fractions.subspan(k, slots.size()), slots, {&box, 1}, rows);
+    if (!give(k, slots.size(), rows, sink)) return false;
   }
   return true;
 }
 
-void MovingLight::batch(const LightInterval& interval, std::span<const double> part, Region rows,
-                        std::vector<const float*>& out) {
-  if (planes_.size() < part.size() * lights_) planes_.resize(part.size() * lights_, Plane(pixels_ + motion::kSpare));
+bool MovingLight::along(const LightInterval& interval, const Sink& sink) {
+  const Region rows{0, static_cast<int>(pixels_ / width_)};
+  const Levels levels = levels_of(interval);
+  if (levels.highest == 0) return planes(interval, interval.instants, rows, sink);
+  const std::size_t group = std::size_t{1} << levels.highest, all = interval.instants.size();
+  const std::size_t room = std::max(group, kBatchBytes / (sizeof(float) * pixels_ * lights_) / group * group);
+  std::vector<std::vector<Box>> boxes;
+  for (std::size_t level = 0; level <= levels.highest; ++level) boxes.push_back(levels.boxes(level));
+  for (std::size_t k = 0; k < all; k += room) {
+    const std::size_t count = std::min(room, all - k);  // and the instant after them, to interpolate
+    std::vector<double> fractions(interval.instants.begin() + static_cast<std::ptrdiff_t>(k),
+                                  interval.instants.begin() + static_cast<std::ptrdiff_t>(k + count));
+    fractions.push_back(k + count < all ? interval.instants[k + count] : 1);
+    for (std::size_t level = 0; level <= levels.highest; ++level) {
+      std::vector<std::size_t> slots;
+      std::vector<double> of_slots;
+      for (std::size_t slot = k == 0 ? 0 : 1; slot <= count; ++slot) {
+        const bool is_whole = slot % group == 0 || slot == count;
+        if ((is_whole ? levels.highest : static_cast<std::size_t>(std::countr_zero(slot))) != level) continue;
+        slots.push_back(slot);
+        of_slots.push_back(fractions[slot]);
+      }
+      compute(interval, of_slots, slots, boxes[level], rows);
+    }
+    interpolate(levels, fractions);
+    if (!give(k, count, rows, sink)) return false;
+    for (std::size_t i = 0; i < lights_; ++i) {  // the next batch begins with it
+      std::swap(planes_[i], planes_[count * lights_ + i]);
+      shown_[i] = planes_[i].data();
+    }
+  }
+  return true;
+}
+
+bool MovingLight::give(std::size_t first, std::size_t slots, Region rows, const Sink& sink) {
+  std::vector<const float*> out(shown_.begin(), shown_.begin() + static_cast<std::ptrdiff_t>(slots * lights_));
+  if (lights_ > mosaics_.size()) pick(rows, out);
+  return sink(first, out);
+}
+
+MovingLight::Levels MovingLight::levels_of(const LightInterval& interval) const {
+  constexpr std::size_t kMostLevel = 3;
+  Levels out;
+  if (!interval.carrier) return out;
+  out.parts = interval.carrier->parts();
+  const auto side = static_cast<int>(side_);
+  const Box& corner = out.parts[0].box;
+  const std::size_t row = width_ * side_,
+                    columns = (row + static_cast<std::size_t>(corner.x1) - 1) / static_cast<std::size_t>(corner.x1);
+  std::vector<char> corrected(out.parts.size());  // by pictures, which may lie at any instant
+  for (const Residuals& residuals : interval.residuals)
+    for (const std::uint32_t pixel : residuals.pixels())
+      corrected[pixel / row / static_cast<std::size_t>(corner.y1) * columns +
+                pixel % row / static_cast<std::size_t>(corner.x1)] = true;
+  // By the size of the picture alone: the light of a chip does not depend on others.
+  const std::size_t most = std::bit_width(kBatchBytes / (sizeof(float) * pixels_));
+  const double longest_px = interval.carrier->longest_path_px();
+  for (std::size_t i = 0; i < out.parts.size(); ++i) {
+    const auto& [box, path_px] = out.parts[i];
+    std::size_t level = 0;
+    while (!corrected[i] && box.x0 % side == 0 && box.y0 % side == 0 && level < kMostLevel && level + 1 < most &&
+           path_px > 0 && path_px * static_cast<double>(4 << level) <= longest_px)
+      ++level;
+    out.of_part.push_back(level);
+    out.highest = std::max(out.highest, level);
+  }
+  return out;
+}
+
+std::vector<Box> MovingLight::Levels::boxes(std::size_t level) const {
+  std::vector<Box> out;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const Box& box = parts[i].box;
+    if (of_part[i] > level) continue;
+    if (!out.empty() && out.back().x1 == box.x0 && out.back().y0 == box.y0)
+      out.back().x1 = box.x1;
+    else
+      out.push_back(box);
+  }
+  return out;
+}
+
+void MovingLight::interpolate(const Levels& levels, std::span<const double> fractions) {
+  const auto side = static_cast<int>(side_);
+  const std::size_t last = fractions.size() - 1;
+  tbb::parallel_for(std::size_t{0}, levels.parts.size(), [&](std::size_t part) {
+    const std::size_t step = std::size_t{1} << levels.of_part[part];
+    const Box& fine = levels.parts[part].box;
+    const auto left = static_cast<std::size_t>(fine.x0 / side), count = static_cast<std::size_t>(fine.x1 / side) - left;
+    for (std::size_t slot = 1; slot < last; ++slot) {
+      const std::size_t before = slot / step * step, after = std::min(before + step, last);
+      if (before == slot) continue;
+      const auto s = static_cast<float>((fractions[slot] - fractions[before]) / (fractions[after] - fractions[before]));
+      for (std::size_t i = 0; i < lights_; ++i)
+        for (int y = fine.y0 / side; y < fine.y1 / side; ++y) {
+          const std::size_t at = static_cast<std::size_t>(y) * width_ + left;
+          const float *one = shown_[before * lights_ + i] + at, *other = shown_[after * lights_ + i] + at;
+          float* mean = planes_[slot * lights_ + i].data() + at;
+          for (std::size_t x = 0; x < count; ++x) mean[x] = one[x] + s * (other[x] - one[x]);
+        }
+    }
+  });
+}
+
+void MovingLight::compute(const LightInterval& interval, std::span<const double> fractions,
+                          std::span<const std::size_t> slots, std::span<const Box> boxes, Region rows) {
   const std::size_t fine_room =
       side_ > 1 ? std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * side_ * side_ * lights_))
-                : part.size();
-  for (std::size_t k = 0; k < part.size();) {
-    if (part[k] == 0) {  // the keyframe itself
-      for (const float* fine : interval.first) {
-        Plane& mean = planes_[out.size()];
-        if (side_ > 1) average(fine, rows, mean);
-        out.push_back(side_ > 1 ? mean.data() : fine);
+                : fractions.size();
+  const auto is_keyframe = [](double s) { return s == 0 || s == 1; };
+  for (const std::size_t slot : slots) {
+    if (planes_.size() < (slot + 1) * lights_) planes_.resize((slot + 1) * lights_, Plane(pixels_ + motion::kSpare));
+    shown_.resize(std::max(shown_.size(), planes_.size()));
+  }
+  for (std::size_t k = 0; k < fractions.size();) {
+    std::size_t count = 1;
+    std::vector<float*> means, fine;
+    const auto add = [&](std::size_t slot) {
+      for (std::size_t i = slot * lights_; i < (slot + 1) * lights_; ++i) {
+        means.push_back(planes_[i].data());
+        shown_[i] = planes_[i].data();
       }
+    };
+    add(slots[k]);
+    if (is_keyframe(fractions[k])) {
+      const std::vector<const float*>& keyframe = fractions[k] == 0 ? interval.first : interval.second;
+      for (std::size_t i = 0; i < lights_; ++i)
+        if (side_ > 1)
+          average(keyframe[i], rows, means[i]);
+        else
+          shown_[slots[k] * lights_ + i] = keyframe[i];
       ++k;
       continue;
     }
-    std::size_t count = 1;
-    while (count < fine_room && k + count < part.size() && part[k + count] != 0) ++count;
-    const std::span planes = std::span(planes_).subspan(k * lights_, count * lights_);
+    for (; count < fine_room && k + count < fractions.size() && !is_keyframe(fractions[k + count]); ++count)
+      add(slots[k + count]);
     if (side_ > 1) {
-      if (fine_.size() < planes.size()) fine_.resize(planes.size(), Plane(pixels_ * side_ * side_ + motion::kSpare));
-      warp(interval, part.subspan(k, count), rows, std::span(fine_).first(planes.size()));
-      for (std::size_t i = 0; i < planes.size(); ++i) average(fine_[i].data(), rows, planes[i]);
-    } else {
-      warp(interval, part.subspan(k, count), rows, planes);
+      if (fine_.size() < means.size()) fine_.resize(means.size(), Plane(pixels_ * side_ * side_ + motion::kSpare));
+      for (std::size_t i = 0; i < means.size(); ++i) fine.push_back(fine_[i].data());
     }
-    for (const Plane& plane : planes) out.push_back(plane.data());
+    warp(interval, fractions.subspan(k, count), boxes, rows, side_ > 1 ? fine : means);
+    for (std::size_t i = 0; i < fine.size(); ++i) average(fine[i], rows, means[i]);
     k += count;
   }
 }
 
 // out: [fraction][chip][filter], with subpixels.
-void MovingLight::warp(const LightInterval& interval, std::span<const double> fractions, Region rows,
-                       std::span<Plane> out) const {
-  const std::size_t row = width_ * side_;
-  const int side = static_cast<int>(side_);
-  const Region fine{rows.begin * side, rows.end * side};
-  const std::size_t begin = static_cast<std::size_t>(fine.begin) * row, end = static_cast<std::size_t>(fine.end) * row;
+void MovingLight::warp(const LightInterval& interval, std::span<const double> fractions, std::span<const Box> boxes,
+                       Region rows, std::span<float* const> out) const {
+  const std::size_t row = width_ * side_ * side_;
+  const std::size_t begin = static_cast<std::size_t>(rows.begin) * row, end = static_cast<std::size_t>(rows.end) * row;
   if (!interval.carrier) {
     tbb::parallel_for(std::size_t{0}, out.size(), [&](std::size_t k) {
       motion::blend_run(interval.first[k % lights_] + begin, interval.second[k % lights_] + begin,
-                        static_cast<float>(fractions[k / lights_]), end - begin, out[k].data() + begin);
+                        static_cast<float>(fractions[k / lights_]), end - begin, out[k] + begin);
     });
     return;
   }
-  std::vector<float*> to;
-  for (Plane& plane : out) to.push_back(plane.data());
-  const Box part{.y0 = fine.begin, .y1 = fine.end};
-  interval.carried->planes(fractions, to, {&part, 1});
-  for (std::size_t k = 0; k < to.size() && !interval.residuals.empty(); ++k)
-    interval.residuals[k % lights_].apply(fractions[k / lights_], to[k], begin, end);
+  interval.carried->planes(fractions, out, boxes);
+  for (std::size_t k = 0; k < out.size() && !interval.residuals.empty(); ++k)
+    interval.residuals[k % lights_].apply(fractions[k / lights_], out[k], begin, end);
 }
 
 // Rows of means over subpixels.
-void MovingLight::average(const float* fine, Region rows, Plane& mean) const {
+void MovingLight::average(const float* fine, Region rows, float* mean) const {
   const std::size_t begin = static_cast<std::size_t>(rows.begin) * width_;
   const std::size_t count = static_cast<std::size_t>(rows.end - rows.begin) * width_;
   average_squares({fine + begin * side_ * side_, count * side_ * side_}, static_cast<int>(width_ * side_),
-                  static_cast<int>(side_), std::span(mean).subspan(begin, count));
+                  static_cast<int>(side_), {mean + begin, count});
 }
 
 void MovingLight::pick(Region rows, std::vector<const float*>& planes) {

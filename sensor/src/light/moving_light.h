@@ -29,6 +29,8 @@ class Residuals {
   // Multiplies pixels [begin, end) of a warped plane by exp(r) at s: r is linear between the pictures in which the
   // pixel was rendered, and 0 at the keyframes. In the caller's TBB arena.
   void apply(double s, float* warped, std::size_t begin, std::size_t end) const;
+  // Those that were rendered, rising. After close().
+  std::span<const std::uint32_t> pixels() const { return pixels_; }
 
  private:
   struct Residual {
@@ -76,19 +78,40 @@ class MovingLight {
   // early with false when sink returns false.
   using Sink = std::function<bool(std::size_t, std::span<const float* const>)>;
   bool planes(const LightInterval& interval, std::span<const double> fractions, Region rows, const Sink& sink);
+  // Likewise all rows at all of the interval's instants. Parts in which nothing moves a quarter as far as elsewhere are
+  // computed at every second, fourth or eighth of them, half as far apart in motion as the fastest ones at most, and
+  // interpolated between.
+  bool along(const LightInterval& interval, const Sink& sink);
   static constexpr std::size_t kBatchBytes = std::size_t{32} << 20;
 
  private:
-  // Planes of the part's fractions into planes_, pointers to them into `out`.
-  void batch(const LightInterval& interval, std::span<const double> part, Region rows, std::vector<const float*>& out);
-  void warp(const LightInterval& interval, std::span<const double> fractions, Region rows, std::span<Plane> out) const;
-  void average(const float* fine, Region rows, Plane& mean) const;
+  // Parts of the picture that are computed at every 2^level-th instant, and the level of each.
+  struct Levels {
+    std::vector<Carrier::Part> parts;
+    std::vector<std::size_t> of_part;
+    std::size_t highest = 0;
+    // Those that are computed at an instant.
+    std::vector<Box> boxes(std::size_t level) const;
+  };
+  Levels levels_of(const LightInterval& interval) const;
+  // Planes of the fractions into these slots of planes_ and shown_, with subpixels in these boxes; 0 and 1 are the
+  // keyframes.
+  void compute(const LightInterval& interval, std::span<const double> fractions, std::span<const std::size_t> slots,
+               std::span<const Box> boxes, Region rows);
+  // What `levels` leaves out of the slots from 1 to the one before the last. fractions: of the slots.
+  void interpolate(const Levels& levels, std::span<const double> fractions);
+  // Calls the sink with the slots from 0 on.
+  bool give(std::size_t first, std::size_t slots, Region rows, const Sink& sink);
+  void warp(const LightInterval& interval, std::span<const double> fractions, std::span<const Box> boxes, Region rows,
+            std::span<float* const> out) const;
+  void average(const float* fine, Region rows, float* mean) const;
   // From the planes of filters, [fraction][chip][filter], to those of chips.
   void pick(Region rows, std::vector<const float*>& planes);
 
   std::vector<const Mosaic*> mosaics_;
   std::size_t width_, pixels_, side_, lights_;  // lights_: filters of all chips
   std::vector<Plane> planes_, fine_, picked_;
+  std::vector<const float*> shown_;  // planes_, or keyframes
 };
 
 // Reads the intervals of a source. Keeps three keyframes and `kept` intervals, the newest. Not for two threads at once;

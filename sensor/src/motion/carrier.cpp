@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "motion/keyframe_interval.h"
@@ -65,13 +66,18 @@ void Carrier::KeyframeInterval::find_near() {
           (n.*list).push_back(k);
           n.still &= !reach.moves;
           n.special |= reach.mixed || border;
+          n.path2 = std::max(n.path2, reach.longest2);
         }
     };
     add(first, &Near::first);
     add(second, &Near::second);
   }
   for (int i = 0; i < tiles; ++i)
-    near[static_cast<std::size_t>(i)].still &= !first.reach(i).unknown && !second.reach(i).unknown;
+    if (first.reach(i).unknown || second.reach(i).unknown) {
+      Near& n = near[static_cast<std::size_t>(i)];
+      n.still = false;
+      n.path2 = std::numeric_limits<float>::infinity();
+    }
 }
 
 std::vector<float> motion_of_flow(std::span<const float> flow, std::size_t channels) {
@@ -124,6 +130,15 @@ Carrier& Carrier::operator=(Carrier&&) noexcept = default;
 
 double Carrier::longest_path_px() const {
   return std::max(interval_->first.longest_path_px(), interval_->second.longest_path_px());
+}
+
+std::vector<Carrier::Part> Carrier::parts() const {
+  std::vector<Part> out;
+  for (std::size_t i = 0; i < interval_->near.size(); ++i) {
+    const motion::Tile tile = interval_->first.tile(static_cast<int>(i));
+    out.push_back({{tile.x0, tile.y0, tile.x1, tile.y1}, std::sqrt(interval_->near[i].path2)});
+  }
+  return out;
 }
 
 std::vector<double> Carrier::instants(double length_us, double step_px, std::int64_t draw) const {

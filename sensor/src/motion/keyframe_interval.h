@@ -27,6 +27,7 @@ struct Carrier::KeyframeInterval {
     std::vector<std::int32_t> first, second;
     bool still = true;     // nothing that reaches the tile moves
     bool special = false;  // pixels at the picture's border or at an occlusion boundary may reach it
+    float path2 = 0;       // the longest path of these points [px^2]; infinite where a motion is unknown
   };
   std::vector<Near> near{};
 

@@ -58,8 +58,11 @@ Weights::Weights(double f) : here(static_cast<float>(1 - f)), there(static_cast<
 void Reach::add(const std::array<Vec2, kQuarters>& moved) {
   if (!any) lowest = highest = moved;
   any = true;
+  Vec2 last;
   for (std::size_t q = 0; q < kQuarters; ++q) {
     const Vec2 to = moved[q];
+    longest2 = std::max(longest2, kQuarters * kQuarters * length2({to.x - last.x, to.y - last.y}));
+    last = to;
     moves |= to.x != 0 || to.y != 0;
     lowest[q] = {std::min(lowest[q].x, to.x), std::min(lowest[q].y, to.y)};
     highest[q] = {std::max(highest[q].x, to.x), std::max(highest[q].y, to.y)};
@@ -88,9 +91,7 @@ void Surfaces::put(int y, int rows, const float* values) {
 
 void Surfaces::close() {
   const int tiles = tiles_x() * tiles_y(), width = width_, height = height_;
-  std::vector<float> longest(static_cast<std::size_t>(tiles));
-  tbb::parallel_for(0, tiles, [&](int i) { longest[static_cast<std::size_t>(i)] = link(i); });
-  longest_ = std::min<double>(*std::ranges::max_element(longest), std::hypot(width_, height_));
+  tbb::parallel_for(0, tiles, [&](int i) { link(i); });
 
   // Passes: each one uses the flags that the one before set at the neighbours.
   std::vector<std::uint16_t> found(flags_.size());
@@ -110,24 +111,18 @@ void Surfaces::close() {
 
   reach_.resize(static_cast<std::size_t>(tiles));
   tbb::parallel_for(0, tiles, [&](int i) { reach_[static_cast<std::size_t>(i)] = reach_of(i); });
+  const float longest2 = std::ranges::max(reach_, {}, &Reach::longest2).longest2;
+  longest_ = std::min<double>(std::sqrt(longest2), std::hypot(width_, height_));
 }
 
-// kKnown, kRight and kDown of a tile; returns its longest path if all quarters were as fast as the fastest.
-float Surfaces::link(int index) {
+// kKnown, kRight and kDown of a tile.
+void Surfaces::link(int index) {
   const Tile t = tile(index);
   const int count = t.x1 - t.x0;
-  float longest2 = 0;
   for (int y = t.y0; y < t.y1; ++y) {
     std::uint16_t* row = flags_.data() + static_cast<std::ptrdiff_t>(y) * width_ + t.x0;
     const float* p = block(index) + block_place(0, y - t.y0);
     for (int x = 0; x < count; ++x) row[x] = is_known(p + x) ? kKnown : 0;
-    for (int x = 0; x < count; ++x) {
-      const std::array<Vec2, kQuarters> to = moved(p + x);
-      float fastest2 = length2(to[0]);
-      for (std::size_t q = 1; q < kQuarters; ++q)
-        fastest2 = std::max(fastest2, length2({to[q].x - to[q - 1].x, to[q].y - to[q - 1].y}));
-      longest2 = row[x] && fastest2 > longest2 ? fastest2 : longest2;
-    }
     for (int x = 0; x < count; ++x)
       if (parting(p + x, p + x + 1) <= kOneSurface_px) row[x] |= kRight;
     for (int x = 0; x < count; ++x)
@@ -141,7 +136,6 @@ float Surfaces::link(int index) {
         row[x] &= static_cast<std::uint16_t>(~kDown);
     }
   }
-  return static_cast<float>(kQuarters) * std::sqrt(longest2);
 }
 
 // `flag` if the distance of a pixel and its neighbour changes as that of the adjacent pairs does.

@@ -47,9 +47,11 @@ struct Weights {
   float here, there;
 };
 
-// Least and largest displacements of a block, after each quarter of the interval.
+// Least and largest displacements of a block, after each quarter of the interval, and the longest path if all quarters
+// were as fast as the fastest, squared.
 struct Reach {
   std::array<Vec2, kQuarters> lowest, highest;
+  float longest2 = 0;
   bool any = false, moves = false, unknown = false, mixed = false;
   void add(const std::array<Vec2, kQuarters>& moved);
   // Bounds of the displacement at the fraction of `w`.
@@ -132,7 +134,7 @@ class Surfaces {
   const Reach& reach(int tile) const { return reach_[static_cast<std::size_t>(tile)]; }
 
  private:
-  float link(int tile);
+  void link(int tile);
   std::uint16_t links_of(int x, int y, std::uint16_t flag) const;
   std::uint16_t mixed_of(int x, int y) const;
   std::uint16_t near_mixed_of(int x, int y) const;

@@ -162,7 +162,7 @@ void feed_moving(const Timeline& timeline, PhotocurrentReader& light, Photocurre
       if (loop.is_on) loop.keep(step, now->instants, planes, pixels);
       return sink(batch);
     };
-    if (!moving.planes(*now, now->instants, {0, info.height}, give)) return;
+    if (!moving.along(*now, give)) return;
   }
 }
 

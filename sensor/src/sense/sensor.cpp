@@ -137,12 +137,14 @@ void Sensor::push_moving(std::span<const float* const> planes, std::span<const d
                              .carrier = Carrier({motion, channels * pixels()}, width_, height_)};
       interval.carried.emplace(*interval.carrier, interval.first, interval.second);
       const double length_us = t_us[i] - last_t_us_;
-      const std::vector<double> instants =
+      const std::vector<double> moves =
           interval.carrier->instants(length_us, Carrier::kStep_px, std::llround(last_t_us_));
-      moving.planes(interval, instants, {0, height_}, [&](std::size_t first, std::span<const float* const> between) {
+      interval.instants.insert(interval.instants.end(), moves.begin(), moves.end());
+      moving.along(interval, [&](std::size_t first, std::span<const float* const> between) {
+        if (first == 0) between = between.subspan(1);  // pushed before
         std::vector<double> between_us;
         for (std::size_t k = 0; k < between.size(); ++k)
-          between_us.push_back(last_t_us_ + length_us * instants[first + k]);
+          between_us.push_back(last_t_us_ + length_us * interval.instants[std::max<std::size_t>(first, 1) + k]);
         advance(between, between_us, false, events);
         return true;
       });

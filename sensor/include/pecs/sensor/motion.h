@@ -27,6 +27,11 @@ void check_motion_size(std::size_t values, int width, int height);
 // nearer.
 std::vector<float> motion_of_flow(std::span<const float> flow, std::size_t channels);
 
+// Part of a picture: pixels [x0, x1) x [y0, y1).
+struct Box {
+  int x0 = 0, y0 = 0, x1 = kMaxSide, y1 = kMaxSide;
+};
+
 // Both keyframes, or one of them alone.
 enum class CarrySide { both, first, second };
 
@@ -53,6 +58,14 @@ class Carrier {
   static constexpr double kStep_px = 0.3, kStepOfEstimate_px = 1;
   std::vector<double> instants(double length_us, double step_px = kStep_px, std::int64_t draw = 0) const;
 
+  // Parts of the picture, which cover it, and of each the longest path, as above, of a point that may reach it;
+  // infinite where a motion is unknown.
+  struct Part {
+    Box box;
+    float path_px;
+  };
+  std::vector<Part> parts() const;
+
   // Labels (object ids) at pixels and instants, from planes of labels at the start and at the end, [height * width]:
   // each sight gets the label of the point visible there, from the keyframe nearer in time if both show it. Labels are
   // never blended. If neither shows the point, or the motion is unknown, it is the label that both planes have at the
@@ -68,11 +81,6 @@ class Carrier {
   friend class CarriedLight;
   struct KeyframeInterval;
   std::unique_ptr<KeyframeInterval> interval_;
-};
-
-// Part of a picture: pixels [x0, x1) x [y0, y1).
-struct Box {
-  int x0 = 0, y0 = 0, x1 = kMaxSide, y1 = kMaxSide;
 };
 
 // The light of both keyframes of an interval, each prepared for any number of instants at the first that needs it.
