@@ -129,13 +129,13 @@ class Between:
     def keyframe(self, step: int, fast: np.ndarray, tiles: np.ndarray | None = None) -> PartialKeyframe:
         """The picture at a step, in which the fast tiles, what is hidden at both keyframes, and where motion does not
         explain the light are rendered. Lamps have constant strength. tiles: those that are known to be wrong, instead
-        of the fast ones and where the keyframes disagree; a sample of each pixel looks for more in the fast ones."""
+        of the fast ones and where the keyframes disagree; a sample of each pixel finds more."""
         it, expected = self._interval, self._prediction(step)
         if tiles is None:
-            looks_at, known = None, self._unexplained(step, fast)
+            known = self._unexplained(step, fast)
         else:
-            looks_at, known = fast, tiles | tiles_with(np.isnan(self._sides(step)).all(0))
-        glance, seen = self._look(step, looks_at)
+            known = tiles | tiles_with(np.isnan(self._sides(step)).all(0))
+        glance, seen = self._look(step, None)
         light = expected.light((0, 0, *self._stage.size)).copy()
         raw = light
         if self._is_denoised:
@@ -146,18 +146,9 @@ class Between:
             self._merge_denoised(expected, rendered, light)
             for box, part in self._light.raw_parts(self._frame, part_boxes(rendered.done, *self._stage.size)):
                 raw[at(box)] = part
-        found = bool((seen & ~grown(grown(known)) & rendered.wrong).any())
+        found = bool((seen & ~grown(grown(known | fast)) & rendered.wrong).any())
         picture = Picture(self._frame, raw, light if self._is_denoised else None, glance)
         return PartialKeyframe(picture, fast, rendered.differing, found)
-
-    def appears(self, step: int, fast: np.ndarray) -> bool:
-        """Whether a sample of each pixel detects changes at a step where none is expected, and more samples confirm
-        it."""
-        _, seen = self._look(step, None)
-        new = seen & ~grown(grown(self._unexplained(step, fast)))
-        expected, size = self._prediction(step), self._stage.size
-        light = np.empty((self._channels, *size[::-1]), np.float32)
-        return bool((new & self._render_wrong(expected, new, light).wrong).any())
 
     def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool, fast: np.ndarray | None) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.

@@ -30,7 +30,6 @@ from .sharing import average_samples
 
 SHARED = 2  # keyframes on each side whose samples are shared
 ANCHOR_EVERY = 64  # keyframes; also at a cut
-LOOK_EVERY = 4  # partial keyframes: in them, a sample of each pixel detects changes everywhere
 
 # Motion as written: its files are a third as large as without rounding
 MOTION_STEP_PX = 2.0**-10
@@ -71,13 +70,11 @@ class Division:
 @dataclass(frozen=True)
 class Middle:
     """The partial keyframe in the middle of a division. wrong: as Division.turning, of surfaces whose light is not that
-    of the whole keyframes there. found: whether something appears in it, or in others of the division, that they do not
-    show."""
+    of the whole keyframes there."""
 
     index: int
     keyframe: PartialKeyframe
     wrong: np.ndarray
-    found: bool
 
 
 def _moves(motion: np.ndarray) -> np.ndarray:
@@ -181,7 +178,7 @@ class Adaptive:
             return middle.keyframe
         of, step = self._divided.get(number, self._divide), self._keyframes.keys[index]
         between, places, fast = self._around(number, index)
-        wrong = None if middle.found else tiles_under(places[:, middle.wrong | of.turning], self._stage.size)
+        wrong = None if middle.keyframe.found else tiles_under(places[:, middle.wrong | of.turning], self._stage.size)
         return between.keyframe(step, fast, wrong)
 
     def _middle(self, number: int) -> Middle:
@@ -190,13 +187,7 @@ class Adaptive:
         index = min(inside, key=lambda i: abs(2 * keys[i] - of.start - of.end))
         between, places, fast = self._around(number, index)
         keyframe = between.keyframe(keys[index], fast)
-        others = (i for i in inside if i != index and (i - index) % LOOK_EVERY == 0)
-        found = keyframe.found or any(self._appears(number, i) for i in others)
-        return Middle(index, keyframe, in_blocks(places, keyframe.differing), found)
-
-    def _appears(self, number: int, index: int) -> bool:
-        between, _, fast = self._around(number, index)
-        return between.appears(self._keyframes.keys[index], fast)
+        return Middle(index, keyframe, in_blocks(places, keyframe.differing))
 
     def _around(self, number: int, index: int) -> tuple[Between, np.ndarray, np.ndarray]:
         """What lies between the whole keyframes around a partial one, along motion that is exact in it, the places
@@ -212,19 +203,17 @@ class Adaptive:
         return between, places, tiles_under(places[:, of.fast], self._stage.size)
 
     def _looks_at(self, index: int) -> np.ndarray | None:
-        """The tiles between a keyframe and the next one in which changes are looked for: all of them, unless partial
-        keyframes divide the interval and nothing but fast surfaces is known to change in it."""
+        """The tiles between a keyframe and the next one in which changes are looked for: all of them, unless one of the
+        two is partial and nothing but fast surfaces is known to change there and in the division's middle."""
         ends = (index, index + 1)
-        if not any(i in self._keyframes.partial for i in ends):
-            return None
+        partial = {i: self._partial.get(i, self._in_part) for i in ends if i in self._keyframes.partial}
         number = bisect(self._whole, index) - 1
-        if self._middles.get(number, self._middle).found:
+        if not partial or any(one.found for one in partial.values()):
+            return None
+        if self._middles.get(number, self._middle).keyframe.found:
             return None
         whole = self._divided.get(number, self._divide).fast
-        tiles = (
-            self._partial.get(i, self._in_part).fast if i in self._keyframes.partial else tiles_with(whole[side])
-            for side, i in enumerate(ends)
-        )
+        tiles = (partial[i].fast if i in partial else tiles_with(whole[side]) for side, i in enumerate(ends))
         return np.logical_or(*tiles)
 
     def _divide(self, number: int) -> Division:

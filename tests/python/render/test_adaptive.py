@@ -498,28 +498,34 @@ def test_a_shadow_far_from_what_partial_keyframes_follow(tmp_path):
     assert stack["render"]["partial_keyframes"] and wrong.sum((1, 2)).max() < 8  # pixels; without glances of it, 131
 
 
-SHADOW_AT_FIRST = """
+FLASHES = """
 import sys
 from math import pi
-from pecs_lab.blend import ball, floor, lamp, material, move, save, start
+from pecs_lab.blend import curves, floor, material, move, save, start
 
 scene = start((96, 64), (0, -4, 0), 90)
 scene.render.fps, scene.frame_start, scene.frame_end = 1000, 0, 100
-paper = material("paper", ("ShaderNodeBsdfDiffuse", {}))[0]
-floor(paper, 12, (0, 1, 0), (90, 0, 0))
-lamp("POINT", (1, 1, 1), 300, (0, -2, 3)).shadow_soft_size = 0
-spins = floor(material("glow", ("ShaderNodeEmission", {"Strength": 0.5}))[0], 0.4, (-0.8, 0, -0.4), (90, 0, 0))
+floor(material("wall", ("ShaderNodeEmission", {"Strength": 0.1}))[0], 12, (0, 1, 0), (90, 0, 0))
+spins = floor(material("glow", ("ShaderNodeEmission", {"Strength": 0.5}))[0], 0.3, (0, 0, 0), (90, 0, 0))
 move(spins, "rotation_euler", [(pi / 2, turn, 0) for turn in (0, 4 * pi)], (0, 100))
-move(ball(paper, radius=0.08), "location", [(x, -1, 2.07) for x in (-0.9, -0.9, 0.9, 0.9)], (0, 10, 40, 100))
-save(sys.argv[1], "shadow")
+for place, begin, end in eval(sys.argv[2]):
+    flash, tree, _ = material("flash", ("ShaderNodeEmission", {}))
+    move(tree.nodes["Emission"].inputs["Strength"], "default_value", (0.3, 1.5, 0.3), (0, begin, end))
+    for point in curves(tree)[0].keyframe_points:
+        point.interpolation = "CONSTANT"
+    floor(flash, 0.3, place, (90, 0, 0))
+save(sys.argv[1], "flashes")
 """
 
 
-def test_a_shadow_that_the_middle_partial_keyframe_does_not_show(tmp_path):
-    in_bpy(SHADOW_AT_FIRST, tmp_path)
-    wrong = deviation(tmp_path / "shadow.blend", frames=101, fps=100, samples=8) > 0.3
+def test_what_the_middle_partial_keyframe_does_not_show(tmp_path):
+    """Near what spins, and far from it."""
+    in_bpy(FLASHES, tmp_path, [((0.4, 0, 0), 18, 42), ((-1, 0, 0.5), 58, 82)])
+    wrong = deviation(tmp_path / "flashes.blend", frames=101, fps=200, samples=8) > 0.3
     stack = json.loads((tmp_path / "few/stack.json").read_text())
-    assert len(stack["render"]["partial_keyframes"]) > 8 and wrong.sum((1, 2)).max() < 60  # pixels; the shadow has 200
+    partial = [stack["times_ns"][i] // 1_000_000 for i in stack["render"]["partial_keyframes"]]
+    assert min(abs(t - 50) for t in partial) < 8 and any(18 <= t < 42 for t in partial)
+    assert wrong.sum((1, 2)).max() < 40  # pixels; a flash has 100
 
 
 FOCUS = """
