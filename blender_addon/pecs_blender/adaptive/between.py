@@ -91,11 +91,10 @@ class Rendered:
 
 @dataclass(frozen=True)
 class PartialKeyframe:
-    """fast: tiles with surfaces that move or turn too far. differing: blocks whose light the whole keyframes do not
-    explain. found: whether a sample of each pixel detected such blocks where no difference was expected."""
+    """differing: blocks whose light the whole keyframes do not explain. found: whether a sample of each pixel detected
+    such blocks where no difference was expected."""
 
     picture: Picture
-    fast: np.ndarray
     differing: np.ndarray
     found: bool
 
@@ -120,11 +119,10 @@ class Between:
         self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
         self._last_carried: tuple[np.ndarray, Carried] | None = None  # strengths of lamps
 
-    def refine(self, fast: np.ndarray | None = None) -> None:
-        """fast: the only tiles in which a sample of each pixel detects changes."""
+    def refine(self) -> None:
         it = self._interval
         middle = (it.start + it.end) // 2
-        self._halve(it.start, it.end, self._disagreeing(middle, self._sides(middle)), True, fast)
+        self._halve(it.start, it.end, self._disagreeing(middle, self._sides(middle)), True)
 
     def keyframe(self, step: int, fast: np.ndarray, tiles: np.ndarray | None = None) -> PartialKeyframe:
         """The picture at a step, in which the fast tiles, what is hidden at both keyframes, and where motion does not
@@ -135,7 +133,7 @@ class Between:
             known = self._unexplained(step, fast)
         else:
             known = tiles | tiles_with(np.isnan(self._sides(step)).all(0))
-        glance, seen = self._look(step, None)
+        glance, seen = self._look(step)
         light = expected.light((0, 0, *self._stage.size)).copy()
         raw = light
         if self._is_denoised:
@@ -148,17 +146,17 @@ class Between:
                 raw[at(box)] = part
         found = bool((seen & ~grown(grown(known | fast)) & rendered.wrong).any())
         picture = Picture(self._frame, raw, light if self._is_denoised else None, glance)
-        return PartialKeyframe(picture, fast, rendered.differing, found)
+        return PartialKeyframe(picture, rendered.differing, found)
 
-    def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool, fast: np.ndarray | None) -> None:
+    def _halve(self, low: int, high: int, wrong: np.ndarray, looks: bool) -> None:
         """Renders the middle of two steps with known light where tiles are wrong, then halves both parts in turn.
-        looks: whether a sample of each pixel, or of those in the fast tiles, finds more such tiles; also in the halves,
-        if the rendered middle confirms some of them."""
+        looks: whether a sample of each pixel finds more such tiles; also in the halves, if the rendered middle confirms
+        some of them."""
         middle = (low + high) // 2
         if middle == low:
             return
         if looks:
-            _, seen = self._look(middle, fast)
+            _, seen = self._look(middle)
             new, wrong = seen & ~grown(wrong), wrong | seen
         bends = self._lamps_bend(low, high)
         if not (wrong.any() or bends):
@@ -177,8 +175,8 @@ class Between:
         self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
         self._residual[middle] = _log_ratio(rendered.current, expected.warped)
         looks = looks and bool((new & rendered.wrong).any())
-        self._halve(low, middle, rendered.wrong, looks, fast)
-        self._halve(middle, high, rendered.wrong, looks, fast)
+        self._halve(low, middle, rendered.wrong, looks)
+        self._halve(middle, high, rendered.wrong, looks)
 
     def _render_wrong(self, expected: Prediction, wrong: np.ndarray, light: np.ndarray) -> Rendered:
         """Renders the wrong tiles, growing until the new picture agrees with the prediction at its border; into `light`
@@ -269,16 +267,15 @@ class Between:
         a, b = np.where(np.isnan(sides).all(0), self._photocurrents(step), sides)
         return self._judge.differing((self._judge.interpolable(a, b, self._interval.path_px) + b) / 2, b)
 
-    def _look(self, step: int, tiles: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Moves the scene to a step. Its glance in these tiles, by default in all, and those in which it differs from
-        the keyframes' glances, as far as the step's light is known."""
+    def _look(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Moves the scene to a step. Its glance, and the tiles in which it differs from the keyframes' glances, as far
+        as the step's light is known."""
         self._stage.set_time(self._grid_s[step])
-        glance = self._light.glance(tiles)
+        glance = self._light.glance()
         now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
-        boxes_px = None if tiles is None else part_boxes(tiles, *self._stage.size)
         glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
         differing = (
-            self._judge.glances_differ(carried.at(self._fraction(step), boxes_px) * change, now)
+            self._judge.glances_differ(carried.at(self._fraction(step)) * change, now)
             for carried in (glances, self._carried(step)[0])
         )
         return glance, np.logical_and(*differing)  # noise of one sample seldom differs from both

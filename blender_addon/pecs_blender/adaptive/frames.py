@@ -19,7 +19,7 @@ from pecs.motion import CHANNELS
 
 from ..camera.light import Light
 from ..camera.stage import Stage
-from ..camera.tiles import in_blocks, tiles_under, tiles_with
+from ..camera.tiles import in_blocks, tiles_under
 from ..output import Layer, Output
 from ..truth.surfaces import HitCache, Recent, SurfaceHits
 from .between import Between, KeyframeInterval, PartialKeyframe
@@ -146,7 +146,7 @@ class Adaptive:
         motion = _usable(self._motion.render(keyframes.time_s(index), self._grid_s[end]))
         if end - start > 1:
             path_px = float(np.nan_to_num(np.hypot(*_moves(motion))).max())
-            self._between(index, start, end, first, second, motion, path_px).refine(self._looks_at(index))
+            self._between(index, start, end, first, second, motion, path_px).refine()
         self._output.write_layer("motion", index, motion)
 
     def _between(
@@ -201,20 +201,6 @@ class Adaptive:
         between = self._between(self._whole[number], of.start, of.end, first, second, motion, self._slow_px)
         places = moves + self._hits.surfaces.sight.centres()[:, None]
         return between, places, tiles_under(places[:, of.fast], self._stage.size)
-
-    def _looks_at(self, index: int) -> np.ndarray | None:
-        """The tiles between a keyframe and the next one in which changes are looked for: all of them, unless one of the
-        two is partial and nothing but fast surfaces is known to change there and in the division's middle."""
-        ends = (index, index + 1)
-        partial = {i: self._partial.get(i, self._in_part) for i in ends if i in self._keyframes.partial}
-        number = bisect(self._whole, index) - 1
-        if not partial or any(one.found for one in partial.values()):
-            return None
-        if self._middles.get(number, self._middle).keyframe.found:
-            return None
-        whole = self._divided.get(number, self._divide).fast
-        tiles = (partial[i].fast if i in partial else tiles_with(whole[side]) for side, i in enumerate(ends))
-        return np.logical_or(*tiles)
 
     def _divide(self, number: int) -> Division:
         keys, whole = self._keyframes.keys, self._whole

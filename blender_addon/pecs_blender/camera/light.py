@@ -114,17 +114,13 @@ class Light(Layer):
             frame[at(box)] = patch
         self._light_up(frame)  # also across the borders of boxes
 
-    def glance(self, tiles: np.ndarray | None = None) -> np.ndarray:
+    def glance(self) -> np.ndarray:
         """[bands, height, width] of the current instant, before diffraction, from the first sample of each pixel, which
-        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass. tiles:
-        the only ones that are rendered; NaN elsewhere."""
+        is the same at all instants unless something changed; 0 in other bands than those of the brightest pass."""
         size, weights = self._stage.size, self._stage.weights
         brightest = max(self._stage.passes, key=lambda one: weights[one.bands].sum())
-        boxes_px = [(0, 0, *size)] if tiles is None else boxes(tiles, *size, self._call_rays)
-        frame = np.full((len(self._to_film), *size[::-1]), np.nan, np.float32)
-        (patches,) = self._rendered((brightest,), boxes_px, samples=1)
-        for box, patch in zip(boxes_px, patches, strict=True):
-            frame[at(box)] = np.nan_to_num(patch, copy=False)
+        ((frame,),) = self._rendered((brightest,), [(0, 0, *size)], samples=1)
+        np.nan_to_num(frame, copy=False)
         self._light_up(frame)
         return frame
 
