@@ -119,11 +119,9 @@ bool MovingLight::give(std::size_t first, std::size_t slots, Region rows, const 
 }
 
 MovingLight::Levels MovingLight::levels_of(const LightInterval& interval) const {
-  constexpr std::size_t kMostLevel = 3;
   Levels out;
   if (!interval.carrier) return out;
   out.parts = interval.carrier->parts();
-  const auto side = static_cast<int>(side_);
   const Box& corner = out.parts[0].box;
   const std::size_t row = width_ * side_,
                     columns = (row + static_cast<std::size_t>(corner.x1) - 1) / static_cast<std::size_t>(corner.x1);
@@ -133,13 +131,13 @@ MovingLight::Levels MovingLight::levels_of(const LightInterval& interval) const 
       corrected[pixel / row / static_cast<std::size_t>(corner.y1) * columns +
                 pixel % row / static_cast<std::size_t>(corner.x1)] = true;
   // By the size of the picture alone: the light of a chip does not depend on others.
-  const std::size_t most = std::bit_width(kBatchBytes / (sizeof(float) * pixels_));
+  const auto room = static_cast<unsigned>(std::clamp<std::size_t>(kBatchBytes / (sizeof(float) * pixels_), 1, 8));
+  const auto most = static_cast<std::size_t>(std::bit_width(room) - 1);
   const double longest_px = interval.carrier->longest_path_px();
   for (std::size_t i = 0; i < out.parts.size(); ++i) {
-    const auto& [box, path_px] = out.parts[i];
+    const float path_px = out.parts[i].path_px;
     std::size_t level = 0;
-    while (!corrected[i] && box.x0 % side == 0 && box.y0 % side == 0 && level < kMostLevel && level + 1 < most &&
-           path_px > 0 && path_px * static_cast<double>(4 << level) <= longest_px)
+    while (!corrected[i] && path_px > 0 && path_px * static_cast<double>(4 << level) <= longest_px && level < most)
       ++level;
     out.of_part.push_back(level);
     out.highest = std::max(out.highest, level);
