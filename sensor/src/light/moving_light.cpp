@@ -93,14 +93,12 @@ bool MovingLight::along(const LightInterval& interval, const Sink& sink) {
     fractions.push_back(k + count < all ? interval.instants[k + count] : 1);
     for (std::size_t level = 0; level <= levels.highest; ++level) {
       std::vector<std::size_t> slots;
-      std::vector<double> of_slots;
       for (std::size_t slot = k == 0 ? 0 : 1; slot <= count; ++slot) {
         const bool is_whole = slot % group == 0 || slot == count;
-        if ((is_whole ? levels.highest : static_cast<std::size_t>(std::countr_zero(slot))) != level) continue;
-        slots.push_back(slot);
-        of_slots.push_back(fractions[slot]);
+        if ((is_whole ? levels.highest : static_cast<std::size_t>(std::countr_zero(slot))) == level)
+          slots.push_back(slot);
       }
-      compute(interval, of_slots, slots, boxes[level], rows);
+      compute(interval, fractions, slots, boxes[level], rows);
     }
     interpolate(levels, fractions);
     if (!give(k, count, rows, sink)) return false;
@@ -184,24 +182,25 @@ void MovingLight::compute(const LightInterval& interval, std::span<const double>
                           std::span<const std::size_t> slots, std::span<const Box> boxes, Region rows) {
   const std::size_t fine_room =
       side_ > 1 ? std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * side_ * side_ * lights_))
-                : fractions.size();
+                : slots.size();
   const auto is_keyframe = [](double s) { return s == 0 || s == 1; };
   for (const std::size_t slot : slots) {
     if (planes_.size() < (slot + 1) * lights_) planes_.resize((slot + 1) * lights_, Plane(pixels_ + motion::kSpare));
     shown_.resize(std::max(shown_.size(), planes_.size()));
   }
-  for (std::size_t k = 0; k < fractions.size();) {
-    std::size_t count = 1;
+  for (std::size_t k = 0; k < slots.size();) {
+    std::vector<double> together;
     std::vector<float*> means, fine;
     const auto add = [&](std::size_t slot) {
+      together.push_back(fractions[slot]);
       for (std::size_t i = slot * lights_; i < (slot + 1) * lights_; ++i) {
         means.push_back(planes_[i].data());
         shown_[i] = planes_[i].data();
       }
     };
     add(slots[k]);
-    if (is_keyframe(fractions[k])) {
-      const std::vector<const float*>& keyframe = fractions[k] == 0 ? interval.first : interval.second;
+    if (is_keyframe(together[0])) {
+      const std::vector<const float*>& keyframe = together[0] == 0 ? interval.first : interval.second;
       for (std::size_t i = 0; i < lights_; ++i)
         if (side_ > 1)
           average(keyframe[i], rows, means[i]);
@@ -210,15 +209,18 @@ void MovingLight::compute(const LightInterval& interval, std::span<const double>
       ++k;
       continue;
     }
-    for (; count < fine_room && k + count < fractions.size() && !is_keyframe(fractions[k + count]); ++count)
-      add(slots[k + count]);
+    while (together.size() < fine_room && k + together.size() < slots.size()) {
+      const std::size_t slot = slots[k + together.size()];
+      if (is_keyframe(fractions[slot])) break;
+      add(slot);
+    }
     if (side_ > 1) {
       if (fine_.size() < means.size()) fine_.resize(means.size(), Plane(pixels_ * side_ * side_ + motion::kSpare));
       for (std::size_t i = 0; i < means.size(); ++i) fine.push_back(fine_[i].data());
     }
-    warp(interval, fractions.subspan(k, count), boxes, rows, side_ > 1 ? fine : means);
+    warp(interval, together, boxes, rows, side_ > 1 ? fine : means);
     for (std::size_t i = 0; i < fine.size(); ++i) average(fine[i], rows, means[i]);
-    k += count;
+    k += together.size();
   }
 }
 

@@ -94,8 +94,8 @@ class MovingLight {
     std::vector<Box> boxes(std::size_t level) const;
   };
   Levels levels_of(const LightInterval& interval) const;
-  // Planes of the fractions into these slots of planes_ and shown_, with subpixels in these boxes; 0 and 1 are the
-  // keyframes.
+  // Planes into these slots of planes_ and shown_, with subpixels in these boxes. fractions: of all slots from the
+  // first on; 0 and 1 are the keyframes.
   void compute(const LightInterval& interval, std::span<const double> fractions, std::span<const std::size_t> slots,
                std::span<const Box> boxes, Region rows);
   // What `levels` leaves out of the slots from 1 to the one before the last. fractions: of the slots.

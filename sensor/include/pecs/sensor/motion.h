@@ -58,8 +58,8 @@ class Carrier {
   static constexpr double kStep_px = 0.3, kStepOfEstimate_px = 1;
   std::vector<double> instants(double length_us, double step_px = kStep_px, std::int64_t draw = 0) const;
 
-  // Parts of the picture, which cover it, and of each the longest path, as above, of a point that may reach it;
-  // infinite where a motion is unknown.
+  // Parts of the picture, row by row, of one size but at the right and the lower border. Of each the longest path, as
+  // above, of a point that may reach it; infinite where a motion is unknown.
   struct Part {
     Box box;
     float path_px;
