@@ -24,7 +24,6 @@ def build(p):
     light = sun_lamp(TOWARDS_LIGHT, math.pi, p["sun_spectrum"])
     light.angle = 0.0
     light.use_shadow = False
-    light.cycles.cast_shadow = False
 
     half = HALF_WALL_M
     corners = [(x, WALL_M, z) for x, z in ((-half, -half), (half, -half), (half, half), (-half, half))]

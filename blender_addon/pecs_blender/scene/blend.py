@@ -176,7 +176,8 @@ def _hold_settings(scene: bpy.types.Scene) -> None:
     """Animation of what PECS sets (in many files a driver gives each frame another seed), and caches that Cycles reads
     itself, once for all frames."""
     for cache in bpy.data.cache_files:
-        cache.use_render_procedural = False
+        if hasattr(cache, "use_render_procedural"):  # before Blender 5
+            cache.use_render_procedural = False
     for curve in curves(scene):
         curve.mute |= curve.data_path.startswith(("cycles.", "eevee.", "render.", "view_layers["))
 

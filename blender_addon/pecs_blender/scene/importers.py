@@ -58,7 +58,7 @@ def _gltf(path: str, _up: str | None) -> None:
 
 
 def _fbx(path: str, _up: str | None) -> None:
-    bpy.ops.import_scene.fbx(filepath=path, use_anim=False)
+    bpy.ops.wm.fbx_import(filepath=path, use_anim=False)
 
 
 def _usd(path: str, _up: str | None) -> None:

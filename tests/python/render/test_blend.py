@@ -292,7 +292,8 @@ move(key, "value", (0, 1))
 bpy.ops.wm.alembic_export(filepath=file, start=1, end=3, as_background_job=False)
 bpy.data.objects.remove(shaped)
 bpy.ops.wm.alembic_import(filepath=file, as_background_job=False)
-bpy.data.cache_files[0].use_render_procedural, scene.cycles.feature_set = True, "EXPERIMENTAL"
+if bpy.app.version < (5, 0):
+    bpy.data.cache_files[0].use_render_procedural, scene.cycles.feature_set = True, "EXPERIMENTAL"
 save(sys.argv[1], "cached")
 """
 

@@ -10,17 +10,15 @@ from support import in_bpy, pecs_blender
 MAKE = """
 import sys
 import bpy
-from pecs_lab.blend import floor, put, save, start
+from pecs_lab.blend import floor, material, put, save, start
 folder = sys.argv[1]
 scene = start((24, 16))
 bpy.data.objects.remove(scene.camera)
 scene.render.engine, scene.render.fps = "CYCLES", 10
 put(bpy.data.lights.new("sun", "SUN"))
 for name, x, grey in (("A", 0, 0.8), ("B", 20, 0.05)):
-    material = bpy.data.materials.new(name)
-    material.use_nodes = False
-    material.diffuse_color = (grey, grey, grey, 1)
-    floor(material, 10, (x, 0, 0)).name = "under " + name
+    grey = material(name, ("ShaderNodeBsdfDiffuse", {"Color": (grey, grey, grey, 1)}))[0]
+    floor(grey, 10, (x, 0, 0)).name = "under " + name
     put(bpy.data.cameras.new(name), (x, 0, 8))
 for name in "AB":
     scene.camera = bpy.data.objects[name]
