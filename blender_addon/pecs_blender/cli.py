@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -288,6 +289,9 @@ def main(argv: list[str]) -> int:
     try:
         if argv and argv[0] not in COMMANDS and not argv[0].startswith("-"):
             return programs.pass_on(argv)
+        if "bpy" not in sys.modules:
+            for name in programs.COLOURS:
+                os.environ.pop(name, None)
         args = vars(_parser().parse_args(argv))
         used, command = dict(args), args.pop("command")
         if command in ("render", "run"):

@@ -185,7 +185,7 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
     if (!s.shape.empty()) s.shape_place.fail("aperture " + s.shape, "open circles on the axis");
     const bool asphere = s.type != "STANDARD" || s.conic != 0;
     const bool in_air = s.glass.empty() && (i == 1 || surfaces[i - 1].glass.empty());
-    if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop && !s.clear) {
+    if (in_air && s.curvature == 0 && s.type == "STANDARD" && !s.stop && s.clear == 0) {
       if (out_surfaces.empty()) continue;
       if (!std::isfinite(s.thickness) || out_surfaces.back()["thickness"].is_null())
         s.place.fail("an infinite thickness between surfaces", "a finite one");
@@ -193,7 +193,7 @@ Json import_zmx(const std::string& bytes, const std::string& file) {
       continue;
     }
     // DIAM is as wide as the rays of the file's fields, except that of the stop; CLAP blocks rays.
-    const double semi = s.clear && !(s.stop && s.semi > 0 && s.semi < s.clear) ? s.clear : s.semi;
+    const double semi = s.clear != 0 && !(s.stop && s.semi > 0 && s.semi < s.clear) ? s.clear : s.semi;
     if (!(semi > 0)) s.place.fail("no semi-diameter (DIAM, CLAP)", "one above 0");
     if (s.stop) stop = out_surfaces.size(), stop_clear = s.clear;
     Json surface{{"type", asphere            ? "asphere"

@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from pecs._errors import UsageError
+import bpy
+from pecs._errors import ExitCode, PecsError, UsageError
 
+from ..job.programs import COLOURS
 from ..spectral.spectra import K_CD_LM_PER_W, spectrum
 from .blend import BlendScene, check
 from .folder import FolderScene
 from .placed import Placed
 from .scene_file import load_scene
 from .source import Source
+
+WORKING_SPACE = "Linear Rec.709"
 
 
 def open_scene(
@@ -37,6 +42,7 @@ def open_scene(
         raise UsageError(f"--set {parameters[0]}: {only}")
     else:
         source = BlendScene(path, scene_name, spectrum(illuminant, path.absolute().parent), allow_scripts, camera)
+    _check_colours(path)
     if place:
         scene = source.scene
         source.placed = Placed(place, scene, source.unit_m, lambda file: check(file, scene, allow_scripts))
@@ -44,3 +50,18 @@ def open_scene(
         if isinstance(source, BlendScene) and source.sky:
             source.sky.shine(K_CD_LM_PER_W * source.radiance_per_unit(None))
     return source
+
+
+def _check_colours(path: Path) -> None:
+    """Colours are those of Blender's own configuration, in Rec. 709. Raises PecsError for others."""
+    own = Path(bpy.utils.system_resource("DATAFILES", path="colormanagement")) / "config.ocio"
+    space = getattr(
+        bpy.data, "colorspace", None
+    )  # since Blender 5; the path since 5.3, which also sets OCIO to its own
+    named = next(filter(None, map(os.environ.get, COLOURS)), None)
+    if (used := getattr(space, "ocio_config_path", named)) and Path(used) != own:
+        wanted = f"Blender's own configuration ({' and '.join(COLOURS)} unset)"
+        raise PecsError(f"OpenColorIO: got {used}, wanted {wanted}", ExitCode.UNSUPPORTED)
+    if space and space.working_space != WORKING_SPACE:
+        where = "Color Management > Working Space"
+        raise PecsError(f"{path}: {where}: got {space.working_space}, wanted {WORKING_SPACE}", ExitCode.UNSUPPORTED)

@@ -62,7 +62,7 @@ void Carrier::KeyframeInterval::find_near() {
       const Tile reached = tiles_reached(from, block, reach);
       for (int y = reached.y0; y < reached.y1; ++y)
         for (int x = reached.x0; x < reached.x1; ++x) {
-          Near& n = near[static_cast<std::size_t>(y * columns + x)];
+          Near& n = near[static_cast<std::size_t>(y) * columns + x];
           (n.*list).push_back(k);
           n.still &= !reach.moves;
           n.special |= reach.mixed || border;

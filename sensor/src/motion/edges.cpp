@@ -99,7 +99,7 @@ struct Edges::TileEdges {
   std::vector<Edge> edges{{{1, 0, 0, 1}, 0, 0, 0}};                // the first stands for none
   std::array<std::int16_t, std::size_t{kWidth} * kHeight> number;  // of a pixel's edge among them
 
-  static std::size_t place(int column, int row) { return static_cast<std::size_t>(row * kWidth + column); }
+  static std::size_t place(int column, int row) { return static_cast<std::size_t>(row) * kWidth + column; }
   const Edge& at(int column, int row) const { return edges[static_cast<std::size_t>(number[place(column, row)])]; }
 };
 
@@ -159,7 +159,7 @@ void Edges::find(int tile, TileEdges& out) const {
     for (int x = t.x0; x < t.x1; ++x) {
       const std::int16_t* number = out.number.data() + TileEdges::place(x - t.x0, y - t.y0);
       const bool any = number[0] || number[1] || number[TileEdges::kWidth] || number[TileEdges::kWidth + 1];
-      near_[static_cast<std::size_t>(y * from_.width() + x)].store(any ? kYes : kNo, std::memory_order_relaxed);
+      near_[static_cast<std::size_t>(y) * from_.width() + x].store(any ? kYes : kNo, std::memory_order_relaxed);
     }
 }
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 
 import numpy as np
 import pytest
@@ -80,6 +81,43 @@ def test_a_blend_becomes_a_stack(blends, tmp_path):
     assert (stack["quantity"], stack["width"], stack["height"]) == ("radiance", 48, 32)
     assert stack["render"]["emitters"] == ["d65"]
     assert digests(blends) == before
+
+
+OCIO = """ocio_profile_version: 1
+roles: {scene_linear: linear, default: raw, default_byte: raw, data: raw}
+displays:
+  screen:
+    - !<View> {name: plain, colorspace: raw}
+colorspaces:
+  - !<ColorSpace> {name: linear}
+  - !<ColorSpace> {name: raw, isdata: true}
+"""
+OPEN = """
+from pathlib import Path
+import bpy, sys
+from pecs_blender.scene.open import open_scene
+if len(sys.argv) > 2:
+    if bpy.app.version < (5, 0):
+        sys.exit()
+    bpy.ops.wm.set_working_color_space(working_space=sys.argv[2])
+    bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+try:
+    open_scene(Path(sys.argv[1]), "d65")
+except Exception as e:
+    print(int(e.code), e)
+"""
+
+
+def test_colours_are_blenders_own(blends, tmp_path):
+    """Not those of an OpenColorIO configuration that other programs use, nor of another working space."""
+    (tmp_path / "own.ocio").write_text(OCIO)
+    own = os.environ | {"OCIO": str(tmp_path / "own.ocio")}
+    file = blends / "textures.blend"
+    plain, same = (pecs_blender("light", file, "--json", env=env).stdout for env in (None, own))
+    assert same == plain
+    assert "6 OpenColorIO: got /" in in_bpy(OPEN, file, env=own).stdout
+    said = in_bpy(OPEN, tmp_path / "wide.blend", "ACEScg", check=False).stdout
+    assert not said or "wide.blend: Color Management > Working Space: got ACEScg, wanted Linear Rec.709" in said
 
 
 def test_a_blend_through_a_lens(blends, tmp_path):

@@ -68,6 +68,13 @@ import bpy
 from pathlib import Path
 from pecs_blender.scene import content
 
+def set_size(value):
+    nodes = cube.modifiers["nodes"]
+    if hasattr(nodes, "properties"):  # Blender 5.3
+        nodes.properties.inputs.Socket_2.value = value
+    else:
+        nodes["Socket_2"] = value
+
 folder = Path(sys.argv[1])
 found = {}
 for edit in json.loads(sys.argv[2]):
@@ -101,7 +108,7 @@ SHOWN = [  # edits that change the light
     'mesh.shape_keys.key_blocks["Wide"].data[0].co.z = 3',
     'cube.vertex_groups[0].add([0], 1.0, "REPLACE")',
     'cube.modifiers["bevel"].width = 0.3',
-    'cube.modifiers["nodes"]["Socket_2"] = 2.5',
+    "set_size(2.5)",
     "cube.hide_render = True",
     "cube.scale.z = 2",
     "data.objects['Camera'].data.lens = 35",

@@ -144,11 +144,12 @@ import bpy
 from pecs_blender.scene import outside_files
 
 NO_INPUT = {  # what Blender writes, shows or plays, or only names
-    *("AssetRepresentation", "BakeSettings", "BlendData", "BlendImportContextLibrary", "Brush", "CollectionExport"),
+    *("AssetRepresentation", "BakeSettings", "BlendData", "BlendFileColorspace", "BlendImportContextLibrary"),
     *("CompositorNodeOutputFile", "DynamicPaintSurface", "FileBrowserFSMenuEntry", "FileSelectEntry", "NodesModifier"),
     *("FileSelectParams", "ImageStrip", "LibraryWeakReference", "MovieClip", "MovieClipProxy", "MovieStrip", "Sound"),
     *("NodesModifierBake", "PathCompare", "RenderSettings", "ScriptDirectory", "SequenceEditor", "StripElement"),
-    *("StripProxy", "StudioLight", "Theme", "UserAssetLibrary", "UserExtensionRepo", "VolumeGrids"),
+    *("BlenderProject", "Brush", "CollectionExport", "StripProxy", "StudioLight", "Theme", "UserAssetLibrary"),
+    *("CollectionImport", "ProjectAssetLibrary", "UserExtensionRepo", "VolumeGrids"),
 }
 PARTS = {  # read through their owners
     *("CacheFileLayer", "ImagePackedFile", "FluidDomainSettings", "PointCacheItem", "NodeSocketStringFilePath"),
