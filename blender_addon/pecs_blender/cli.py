@@ -25,6 +25,7 @@ from .job.brightness import light_words
 from .job.options import DEFAULTS, RULES, Options, add_arguments
 from .job.resources import Restart
 from .job.shards import merge
+from .spectral.spectra import OCIO
 
 if TYPE_CHECKING:  # they import bpy
     from .camera.plan import Plan
@@ -290,7 +291,7 @@ def main(argv: list[str]) -> int:
         if argv and argv[0] not in COMMANDS and not argv[0].startswith("-"):
             return programs.pass_on(argv)
         if "bpy" not in sys.modules:
-            for name in programs.COLOURS:
+            for name in OCIO:
                 os.environ.pop(name, None)
         args = vars(_parser().parse_args(argv))
         used, command = dict(args), args.pop("command")

@@ -14,8 +14,6 @@ from pecs._errors import PecsNotFoundError
 
 from .. import stop
 
-COLOURS = "BLENDER_OCIO", "OCIO"  # in the environment, they replace Blender's own colour spaces
-
 
 def pecs() -> str:
     """Path of the program."""

@@ -10,8 +10,7 @@ from pathlib import Path
 import bpy
 from pecs._errors import ExitCode, PecsError, UsageError
 
-from ..job.programs import COLOURS
-from ..spectral.spectra import K_CD_LM_PER_W, spectrum
+from ..spectral.spectra import K_CD_LM_PER_W, OCIO, spectrum
 from .blend import BlendScene, check
 from .folder import FolderScene
 from .placed import Placed
@@ -55,12 +54,11 @@ def open_scene(
 def _check_colours(path: Path) -> None:
     """Colours are those of Blender's own configuration, in Rec. 709. Raises PecsError for others."""
     own = Path(bpy.utils.system_resource("DATAFILES", path="colormanagement")) / "config.ocio"
-    space = getattr(
-        bpy.data, "colorspace", None
-    )  # since Blender 5; the path since 5.3, which also sets OCIO to its own
-    named = next(filter(None, map(os.environ.get, COLOURS)), None)
+    space = getattr(bpy.data, "colorspace", None)  # since Blender 5
+    named = next(filter(None, map(os.environ.get, OCIO)), None)
+    # Blender 5.3 has the path, and sets OCIO to its own.
     if (used := getattr(space, "ocio_config_path", named)) and Path(used) != own:
-        wanted = f"Blender's own configuration ({' and '.join(COLOURS)} unset)"
+        wanted = f"Blender's own configuration ({' and '.join(OCIO)} unset)"
         raise PecsError(f"OpenColorIO: got {used}, wanted {wanted}", ExitCode.UNSUPPORTED)
     if space and space.working_space != WORKING_SPACE:
         where = "Color Management > Working Space"

@@ -16,6 +16,7 @@ from pecs._errors import bad_input
 # Luminous efficacy at the peak of V(lambda) [lm/W]: SI Brochure, 9th edition, K_cd.
 K_CD_LM_PER_W = 683.0
 VISIBLE_NM = np.arange(380.0, 781.0)
+OCIO = "BLENDER_OCIO", "OCIO"  # in the environment: name a configuration instead of Blender's own colour spaces
 ABBE_RANGE_NM = 350.0, 1100.0  # of pecs.glass from n_d and the Abbe number; constant outside
 
 

@@ -23,7 +23,7 @@ from pecs._errors import ExitCode
 from pecs._platform import KILLED, die_with_parent, end_of
 from pecs._progress import status_of
 
-from ..job.programs import COLOURS
+from ..spectral.spectra import OCIO
 from . import disk
 from .interface import redraw_panels, wrapped
 
@@ -64,7 +64,7 @@ class BackgroundJob:
         self._left_s, self._left_at, self._stopping = None, 0.0, False
         self._start = time.monotonic()
         pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        environment = {k: v for k, v in os.environ.items() if k not in COLOURS} | {"PECS_PROGRESS": "json"}
+        environment = {k: v for k, v in os.environ.items() if k not in OCIO} | {"PECS_PROGRESS": "json"}
         command = die_with_parent(self.command)  # no job survives its Blender
         self._process = subprocess.Popen(command, env=environment, text=True, errors="replace", **pipes)
         readers = ((self._read, self._process.stderr), (self._read_answer, self._process.stdout))
