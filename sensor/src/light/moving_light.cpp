@@ -13,6 +13,16 @@
 #include "stack/light_kernel.h"
 
 namespace pecs::sensor {
+namespace {
+
+// How many planes of so many values a batch holds.
+std::size_t room_of(std::size_t values) {
+  return std::max<std::size_t>(1, MovingLight::kBatchBytes / (sizeof(float) * values));
+}
+
+bool is_keyframe(double s) { return s == 0 || s == 1; }
+
+}  // namespace
 
 void Residuals::add(double s, std::span<const float> rendered, std::span<const float> warped) {
   for (std::size_t i = 0; i < rendered.size(); ++i) {
@@ -66,9 +76,9 @@ MovingLight::MovingLight(int width, int height, int subpixels, std::vector<const
 
 bool MovingLight::planes(const LightInterval& interval, std::span<const double> fractions, Region rows,
                          const Sink& sink) {
-  const std::size_t room = std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * lights_));
+  const std::size_t room = room_of(pixels_ * lights_);
   const int side = static_cast<int>(side_);
-  const Box box{.y0 = rows.begin * side, .y1 = rows.end * side};
+  const Box box{0, rows.begin * side, static_cast<int>(width_) * side, rows.end * side};
   for (std::size_t k = 0; k < fractions.size(); k += room) {
     std::vector<std::size_t> slots(std::min(room, fractions.size() - k));
     std::iota(slots.begin(), slots.end(), std::size_t{0});
@@ -83,7 +93,7 @@ bool MovingLight::along(const LightInterval& interval, const Sink& sink) {
   const Levels levels = levels_of(interval);
   if (levels.highest == 0) return planes(interval, interval.instants, rows, sink);
   const std::size_t group = std::size_t{1} << levels.highest, all = interval.instants.size();
-  const std::size_t room = std::max(group, kBatchBytes / (sizeof(float) * pixels_ * lights_) / group * group);
+  const std::size_t room = std::max(group, room_of(pixels_ * lights_) / group * group);
   std::vector<std::vector<Box>> boxes;
   for (std::size_t level = 0; level <= levels.highest; ++level) boxes.push_back(levels.boxes(level));
   for (std::size_t k = 0; k < all; k += room) {
@@ -102,16 +112,15 @@ bool MovingLight::along(const LightInterval& interval, const Sink& sink) {
     }
     interpolate(levels, fractions);
     if (!give(k, count, rows, sink)) return false;
-    for (std::size_t i = 0; i < lights_; ++i) {  // the next batch begins with it
+    for (std::size_t i = 0; i < lights_; ++i)  // the next batch begins with it
       std::swap(planes_[i], planes_[count * lights_ + i]);
-      shown_[i] = planes_[i].data();
-    }
   }
   return true;
 }
 
 bool MovingLight::give(std::size_t first, std::size_t slots, Region rows, const Sink& sink) {
-  std::vector<const float*> out(shown_.begin(), shown_.begin() + static_cast<std::ptrdiff_t>(slots * lights_));
+  std::vector<const float*> out;
+  for (std::size_t i = 0; i < slots * lights_; ++i) out.push_back(planes_[i].data());
   if (lights_ > mosaics_.size()) pick(rows, out);
   return sink(first, out);
 }
@@ -129,8 +138,7 @@ MovingLight::Levels MovingLight::levels_of(const LightInterval& interval) const 
       corrected[pixel / row / static_cast<std::size_t>(corner.y1) * columns +
                 pixel % row / static_cast<std::size_t>(corner.x1)] = true;
   // By the size of the picture alone: the light of a chip does not depend on others.
-  const auto room = static_cast<unsigned>(std::clamp<std::size_t>(kBatchBytes / (sizeof(float) * pixels_), 1, 8));
-  const auto most = static_cast<std::size_t>(std::bit_width(room) - 1);
+  const auto most = static_cast<std::size_t>(std::bit_width(std::min<std::size_t>(room_of(pixels_), 8)) - 1);
   const double longest_px = interval.carrier->longest_path_px();
   for (std::size_t i = 0; i < out.parts.size(); ++i) {
     const float path_px = out.parts[i].path_px;
@@ -170,7 +178,8 @@ void MovingLight::interpolate(const Levels& levels, std::span<const double> frac
       for (std::size_t i = 0; i < lights_; ++i)
         for (int y = fine.y0 / side; y < fine.y1 / side; ++y) {
           const std::size_t at = static_cast<std::size_t>(y) * width_ + left;
-          const float *one = shown_[before * lights_ + i] + at, *other = shown_[after * lights_ + i] + at;
+          const float *one = planes_[before * lights_ + i].data() + at,
+                      *other = planes_[after * lights_ + i].data() + at;
           float* mean = planes_[slot * lights_ + i].data() + at;
           for (std::size_t x = 0; x < count; ++x) mean[x] = one[x] + s * (other[x] - one[x]);
         }
@@ -180,47 +189,23 @@ void MovingLight::interpolate(const Levels& levels, std::span<const double> frac
 
 void MovingLight::compute(const LightInterval& interval, std::span<const double> fractions,
                           std::span<const std::size_t> slots, std::span<const Box> boxes, Region rows) {
-  const std::size_t fine_room =
-      side_ > 1 ? std::max<std::size_t>(1, kBatchBytes / (sizeof(float) * pixels_ * side_ * side_ * lights_))
-                : slots.size();
-  const auto is_keyframe = [](double s) { return s == 0 || s == 1; };
-  for (const std::size_t slot : slots) {
-    if (planes_.size() < (slot + 1) * lights_) planes_.resize((slot + 1) * lights_, Plane(pixels_ + motion::kSpare));
-    shown_.resize(std::max(shown_.size(), planes_.size()));
-  }
-  for (std::size_t k = 0; k < slots.size();) {
+  const std::size_t fine_pixels = pixels_ * side_ * side_, room = room_of(fine_pixels * lights_);
+  for (std::size_t k = 0; k < slots.size(); k += room) {
     std::vector<double> together;
     std::vector<float*> means, fine;
-    const auto add = [&](std::size_t slot) {
+    for (const std::size_t slot : slots.subspan(k, std::min(room, slots.size() - k))) {
+      if (planes_.size() < (slot + 1) * lights_) planes_.resize((slot + 1) * lights_, Plane(pixels_ + motion::kSpare));
       together.push_back(fractions[slot]);
-      for (std::size_t i = slot * lights_; i < (slot + 1) * lights_; ++i) {
-        means.push_back(planes_[i].data());
-        shown_[i] = planes_[i].data();
-      }
-    };
-    add(slots[k]);
-    if (is_keyframe(together[0])) {
-      const std::vector<const float*>& keyframe = together[0] == 0 ? interval.first : interval.second;
-      for (std::size_t i = 0; i < lights_; ++i)
-        if (side_ > 1)
-          average(keyframe[i], rows, means[i]);
-        else
-          shown_[slots[k] * lights_ + i] = keyframe[i];
-      ++k;
+      for (std::size_t i = 0; i < lights_; ++i) means.push_back(planes_[slot * lights_ + i].data());
+    }
+    if (side_ == 1) {
+      warp(interval, together, boxes, rows, means);
       continue;
     }
-    while (together.size() < fine_room && k + together.size() < slots.size()) {
-      const std::size_t slot = slots[k + together.size()];
-      if (is_keyframe(fractions[slot])) break;
-      add(slot);
-    }
-    if (side_ > 1) {
-      if (fine_.size() < means.size()) fine_.resize(means.size(), Plane(pixels_ * side_ * side_ + motion::kSpare));
-      for (std::size_t i = 0; i < means.size(); ++i) fine.push_back(fine_[i].data());
-    }
-    warp(interval, together, boxes, rows, side_ > 1 ? fine : means);
-    for (std::size_t i = 0; i < fine.size(); ++i) average(fine[i], rows, means[i]);
-    k += together.size();
+    if (fine_.size() < means.size()) fine_.resize(means.size(), Plane(fine_pixels + motion::kSpare));
+    for (std::size_t i = 0; i < means.size(); ++i) fine.push_back(fine_[i].data());
+    warp(interval, together, boxes, rows, fine);
+    tbb::parallel_for(std::size_t{0}, means.size(), [&](std::size_t i) { average(fine[i], boxes, means[i]); });
   }
 }
 
@@ -231,22 +216,29 @@ void MovingLight::warp(const LightInterval& interval, std::span<const double> fr
   const std::size_t begin = static_cast<std::size_t>(rows.begin) * row, end = static_cast<std::size_t>(rows.end) * row;
   if (!interval.carrier) {
     tbb::parallel_for(std::size_t{0}, out.size(), [&](std::size_t k) {
-      motion::blend_run(interval.first[k % lights_] + begin, interval.second[k % lights_] + begin,
-                        static_cast<float>(fractions[k / lights_]), end - begin, out[k] + begin);
+      const double s = fractions[k / lights_];
+      if (is_keyframe(s))
+        std::copy_n((s == 0 ? interval.first : interval.second)[k % lights_] + begin, end - begin, out[k] + begin);
+      else
+        motion::blend_run(interval.first[k % lights_] + begin, interval.second[k % lights_] + begin,
+                          static_cast<float>(s), end - begin, out[k] + begin);
     });
     return;
   }
   interval.carried->planes(fractions, out, boxes);
   for (std::size_t k = 0; k < out.size() && !interval.residuals.empty(); ++k)
-    interval.residuals[k % lights_].apply(fractions[k / lights_], out[k], begin, end);
+    if (const double s = fractions[k / lights_]; !is_keyframe(s))
+      interval.residuals[k % lights_].apply(s, out[k], begin, end);
 }
 
-// Rows of means over subpixels.
-void MovingLight::average(const float* fine, Region rows, float* mean) const {
-  const std::size_t begin = static_cast<std::size_t>(rows.begin) * width_;
-  const std::size_t count = static_cast<std::size_t>(rows.end - rows.begin) * width_;
-  average_squares({fine + begin * side_ * side_, count * side_ * side_}, static_cast<int>(width_ * side_),
-                  static_cast<int>(side_), {mean + begin, count});
+// Means over subpixels, in these boxes of them.
+void MovingLight::average(const float* fine, std::span<const Box> boxes, float* mean) const {
+  const std::size_t row = width_ * side_;
+  for (const Box& box : boxes) {
+    const auto left = static_cast<std::size_t>(box.x0) / side_, right = static_cast<std::size_t>(box.x1) / side_;
+    for (std::size_t y = static_cast<std::size_t>(box.y0) / side_; y < static_cast<std::size_t>(box.y1) / side_; ++y)
+      average_squares(fine + (y * row + left) * side_, row, side_, {mean + y * width_ + left, right - left});
+  }
 }
 
 void MovingLight::pick(Region rows, std::vector<const float*>& planes) {

@@ -80,7 +80,7 @@ class MovingLight {
   bool planes(const LightInterval& interval, std::span<const double> fractions, Region rows, const Sink& sink);
   // Likewise all rows at all of the interval's instants. Parts in which nothing moves a quarter as far as elsewhere are
   // computed at every second, fourth or eighth of them, half as far apart in motion as the fastest ones at most, and
-  // interpolated between.
+  // interpolated between. Batches have at least as many fractions.
   bool along(const LightInterval& interval, const Sink& sink);
   static constexpr std::size_t kBatchBytes = std::size_t{32} << 20;
 
@@ -94,8 +94,8 @@ class MovingLight {
     std::vector<Box> boxes(std::size_t level) const;
   };
   Levels levels_of(const LightInterval& interval) const;
-  // Planes into these slots of planes_ and shown_, with subpixels in these boxes. fractions: of all slots from the
-  // first on; 0 and 1 are the keyframes.
+  // Planes into these slots of planes_, in these boxes, which are counted in subpixels. fractions: of all slots from
+  // the first on; 0 and 1 are the keyframes.
   void compute(const LightInterval& interval, std::span<const double> fractions, std::span<const std::size_t> slots,
                std::span<const Box> boxes, Region rows);
   // What `levels` leaves out of the slots from 1 to the one before the last. fractions: of the slots.
@@ -104,14 +104,13 @@ class MovingLight {
   bool give(std::size_t first, std::size_t slots, Region rows, const Sink& sink);
   void warp(const LightInterval& interval, std::span<const double> fractions, std::span<const Box> boxes, Region rows,
             std::span<float* const> out) const;
-  void average(const float* fine, Region rows, float* mean) const;
+  void average(const float* fine, std::span<const Box> boxes, float* mean) const;
   // From the planes of filters, [fraction][chip][filter], to those of chips.
   void pick(Region rows, std::vector<const float*>& planes);
 
   std::vector<const Mosaic*> mosaics_;
   std::size_t width_, pixels_, side_, lights_;  // lights_: filters of all chips
   std::vector<Plane> planes_, fine_, picked_;
-  std::vector<const float*> shown_;  // planes_, or keyframes
 };
 
 // Reads the intervals of a source. Keeps three keyframes and `kept` intervals, the newest. Not for two threads at once;

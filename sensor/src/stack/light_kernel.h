@@ -19,18 +19,14 @@ void halves_to_floats(const std::uint8_t* in, std::span<float> out);
 // infinite or NaN (-0 counts as negative).
 bool weighted_sum(std::span<const float> weights, const float* values, std::span<float> out);
 
-// Means over squares of side x side values: rows of `width` values become rows of width / side. The numbers of columns
-// and rows are multiples of side.
-inline void average_squares(std::span<const float> values, int width, int side, std::span<float> means) {
-  const auto columns = static_cast<std::size_t>(width), step = static_cast<std::size_t>(side);
+// Means over a row of squares of side x side values, from `values` on, in a picture of this width.
+inline void average_squares(const float* values, std::size_t width, std::size_t side, std::span<float> means) {
   const float part = 1.0f / static_cast<float>(side * side);
-  for (std::size_t i = 0; i < means.size(); ++i) {
-    const std::size_t y = i / (columns / step), x = i % (columns / step);
-    const float* corner = values.data() + y * step * columns + x * step;
+  for (std::size_t x = 0; x < means.size(); ++x, values += side) {
     float sum = 0;
-    for (std::size_t row = 0; row < step; ++row)
-      for (std::size_t column = 0; column < step; ++column) sum += corner[row * columns + column];
-    means[i] = sum * part;
+    for (std::size_t row = 0; row < side; ++row)
+      for (std::size_t column = 0; column < side; ++column) sum += values[row * width + column];
+    means[x] = sum * part;
   }
 }
 

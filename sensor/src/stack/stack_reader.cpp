@@ -311,10 +311,12 @@ void StackReader::read_motion(std::int64_t interval, const RowSink& sink) const 
 void StackReader::read_rows(std::int64_t index, const RowSink& sink, int begin, int end) const {
   const int side = info_.subpixels;
   if (side == 1) return read_rows(index, info_.layers[0], sink, begin, end);
+  const auto step = static_cast<std::size_t>(side), width = static_cast<std::size_t>(info_.width);
   std::vector<float> means;
   const auto average = [&](int y, int rows, std::span<const float> values) {
-    means.resize(values.size() / static_cast<std::size_t>(side * side));
-    average_squares(values, info_.file_width(), side, means);
+    means.resize(values.size() / (step * step));
+    for (std::size_t i = 0; i < means.size(); i += width)
+      average_squares(values.data() + i * step * step, width * step, step, {means.data() + i, width});
     sink(y / side, rows / side, means);
   };
   read_rows(index, info_.layers[0], average, begin * side, end * side);
