@@ -232,14 +232,15 @@ struct TwoSpeeds {
     plane.resize(kPixels + motion::kSpare);
     return plane;
   }
-  std::unique_ptr<LightInterval> interval(std::size_t lights) const {
+  std::unique_ptr<LightInterval> interval(std::size_t lights, double length_us = 1e6,
+                                          double step_px = Carrier::kStep_px) const {
     auto out = std::make_unique<LightInterval>();
     LightInterval& in = *out;
     in.first.assign(lights, first.data());
     in.second.assign(lights, second.data());
     in.carrier.emplace(layer(motion), kWidth, kHeight);
     in.carried.emplace(*in.carrier, in.first, in.second);
-    const std::vector<double> instants = in.carrier->instants(1e6);
+    const std::vector<double> instants = in.carrier->instants(length_us, step_px);
     in.instants.insert(in.instants.end(), instants.begin(), instants.end());
     return out;
   }
@@ -277,6 +278,16 @@ TEST(Motion, SlowPartsAreInterpolated) {
     EXPECT_EQ(fast, 0);
     EXPECT_GT(slow, 0);
     EXPECT_LT(slow, 1e-3);
+  }
+}
+
+TEST(Motion, PlanesFarApartAreNotInterpolated) {
+  const TwoSpeeds scene;
+  for (const auto& [length_us, step_px] : {std::pair{8.0, Carrier::kStep_px}, {1e6, 2.0}}) {  // 2 pixels apart
+    const std::unique_ptr<LightInterval> interval = scene.interval(1, length_us, step_px);
+    ASSERT_EQ(interval->instants.size(), 8u);
+    const std::vector<Plane> all = TwoSpeeds::planes(*interval, 1, false), some = TwoSpeeds::planes(*interval, 1, true);
+    for (std::size_t k = 0; k < all.size(); ++k) EXPECT_TRUE(same_bits(some[k], all[k])) << k;
   }
 }
 

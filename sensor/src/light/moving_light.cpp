@@ -139,11 +139,13 @@ MovingLight::Levels MovingLight::levels_of(const LightInterval& interval) const 
                 pixel % row / static_cast<std::size_t>(corner.x1)] = true;
   // By the size of the picture alone: the light of a chip does not depend on others.
   const auto most = static_cast<std::size_t>(std::bit_width(std::min<std::size_t>(room_of(pixels_), 8)) - 1);
-  const double longest_px = interval.carrier->longest_path_px();
+  // Planes are farther apart than kStep_px in a short interval, and where motion is estimated.
+  const double fastest_px = std::min(interval.carrier->longest_path_px(),
+                                     Carrier::kStep_px * static_cast<double>(side_ * interval.instants.size()));
   for (std::size_t i = 0; i < out.parts.size(); ++i) {
     const float path_px = out.parts[i].path_px;
     std::size_t level = 0;
-    while (!corrected[i] && path_px > 0 && path_px * static_cast<double>(4 << level) <= longest_px && level < most)
+    while (!corrected[i] && path_px > 0 && path_px * static_cast<double>(4 << level) <= fastest_px && level < most)
       ++level;
     out.of_part.push_back(level);
     out.highest = std::max(out.highest, level);

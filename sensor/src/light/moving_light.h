@@ -79,8 +79,8 @@ class MovingLight {
   using Sink = std::function<bool(std::size_t, std::span<const float* const>)>;
   bool planes(const LightInterval& interval, std::span<const double> fractions, Region rows, const Sink& sink);
   // Likewise all rows at all of the interval's instants. Parts in which nothing moves a quarter as far as elsewhere are
-  // computed at every second, fourth or eighth of them, half as far apart in motion as the fastest ones at most, and
-  // interpolated between. Batches have at least as many fractions.
+  // computed at every second, fourth or eighth of them, half as far apart in motion as the fastest ones and half of
+  // Carrier::kStep_px at most, and interpolated between. Batches have at least as many fractions.
   bool along(const LightInterval& interval, const Sink& sink);
   static constexpr std::size_t kBatchBytes = std::size_t{32} << 20;
 
