@@ -85,8 +85,7 @@ class TileWork {
       float* out = light + row * kTileWidth;
       if (from.width() > 3 && from.height() > 3) {
         std::int32_t four[kTileWidth + kSpare];
-        cubic_run(spline.plane(), spline.coefficients(), from.width(), from.height(), points.u + slot, points.v + slot,
-                  kTileWidth, out, four);
+        cubic_run(spline.cubic(), points.u + slot, points.v + slot, kTileWidth, out, four);
         Edges::Pixel sharp[Edges::kMost];
         std::size_t count = 0;
         for (std::size_t i = 0; i < columns(); ++i)

@@ -185,7 +185,7 @@ Edges::Outline Edges::outline(std::int32_t mixed, float u, float v) const {
     const Vec2 centre = from_.position(of);
     return line.d - (place.x - centre.x) * line.nx - (place.y - centre.y) * line.ny;
   };
-  const float bright = shares<1>({{line.nx, line.ny, to_line({u, v}), line.width}})[0][4];
+  const float bright = shares<1>({Line{line.nx, line.ny, to_line({u, v}), line.width}})[0][4];
   const float light = edge.dark + edge.range, weight = std::min(1.0f, edge.weight / kSure);
   if (to_line(from_.position(occluder)) > 0) return {light, edge.dark, bright, weight};
   return {edge.dark, light, 1 - bright, weight};

@@ -127,8 +127,9 @@ HWY_INLINE void b_spline(V x, V (&w)[4]) {
   w[3] = hn::Mul(sixth, hn::Mul(x2, x));
 }
 
-void CubicRun(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-              std::size_t count, float* out, std::int32_t* upper_left) {
+void CubicRun(const CubicPlane& plane, const float* u, const float* v, std::size_t count, float* out,
+              std::int32_t* upper_left) {
+  const auto& [values, coefficients, width, height] = plane;
   const F f;
   const I32 i32;
   const hn::FixedTag<float, 4> f4;
@@ -156,8 +157,8 @@ void CubicRun(const float* plane, const float* coefficients, int width, int heig
       auto sum = hn::Mul(w(0), hn::LoadU(f4, at));
       for (int row = 1; row < 4; ++row) sum = hn::MulAdd(w(row), hn::LoadU(f4, at + row * below), sum);
       hn::Store(hn::Mul(sum, hn::Load(f4, weights_x + 4 * k)), f4, sums + 4 * k);
-      hn::Store(hn::LoadU(f4, plane + first + below), f4, upper + 4 * k);
-      hn::Store(hn::LoadU(f4, plane + first + 2 * below), f4, lower + 4 * k);
+      hn::Store(hn::LoadU(f4, values + first + below), f4, upper + 4 * k);
+      hn::Store(hn::LoadU(f4, values + first + 2 * below), f4, lower + 4 * k);
     }
     V s[4], a[4], b[4];
     hn::LoadInterleaved4(f, sums, s[0], s[1], s[2], s[3]);
@@ -241,9 +242,9 @@ void contested(const float* depths, std::ptrdiff_t stride, float none, std::size
 void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, float* out) {
   HWY_DYNAMIC_DISPATCH(SplineRun)(taps, count, out);
 }
-void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-               std::size_t count, float* out, std::int32_t* upper_left) {
-  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, coefficients, width, height, u, v, count, out, upper_left);
+void cubic_run(const CubicPlane& plane, const float* u, const float* v, std::size_t count, float* out,
+               std::int32_t* upper_left) {
+  HWY_DYNAMIC_DISPATCH(CubicRun)(plane, u, v, count, out, upper_left);
 }
 void line_shares(const LinesArguments& lines, float* out) { HWY_DYNAMIC_DISPATCH(LineShares)(lines, out); }
 void blend_run(const float* a, const float* b, float s, std::size_t count, float* out) {

@@ -45,12 +45,16 @@ void contested(const float* depths, std::ptrdiff_t stride, float none, std::size
 constexpr int kSplineTaps = 15;
 void spline_run(const float* const (&taps)[kSplineTaps], std::size_t count, float* out);
 
+struct CubicPlane {
+  const float *values, *coefficients;
+  int width, height;
+};
 // Evaluates the spline (by its coefficients) at positions. The result is clamped to the range of the four nearest
-// pixels of `plane`, widened by kBeyond; at a pixel's centre it is the pixel's value; it is NaN where one of the four
+// values, widened by kBeyond; at a pixel's centre it is the pixel's value; it is NaN where one of the four
 // is not finite. Planes have more than three rows and columns. Positions within two pixels of the border give wrong
 // values. upper_left: index of that one of the four.
-void cubic_run(const float* plane, const float* coefficients, int width, int height, const float* u, const float* v,
-               std::size_t count, float* out, std::int32_t* upper_left);
+void cubic_run(const CubicPlane& plane, const float* u, const float* v, std::size_t count, float* out,
+               std::int32_t* upper_left);
 // How far a value may leave the range of the four pixels: by this part of the range, and downwards by no more than this
 // part of the least.
 constexpr float kBeyond = 0.25f;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "motion/edges.h"
+#include "motion/kernel.h"
 #include "motion/landing.h"
 
 namespace pecs::sensor::motion {
@@ -20,7 +21,7 @@ class SplinePlane {
   // left neighbour.
   SplinePlane(const float* plane, const Surfaces& from);
   const float* plane() const { return plane_; }
-  const float* coefficients() const { return coefficients_.data(); }
+  CubicPlane cubic() const { return {plane_, coefficients_.data(), width_, height_}; }
   const Edges& edges() const { return *edges_; }
   // As cubic_run. Beyond the border, the border's pixels are repeated.
   float at(float u, float v) const;
