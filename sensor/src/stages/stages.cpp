@@ -186,10 +186,11 @@ void EventStages::after_readout(LabelledEvents& labelled, bool last, std::vector
 
 // ERC keeps as many of a period's events as it may, evenly spread over their order.
 void EventStages::release(LabelledEvents& out, std::vector<DroppedEvent>* dropped) {
-  const std::int64_t waiting = most_ ? std::ranges::count(held_, Stage::none, &Held::stage) : 0;
+  const std::int64_t waiting = std::ranges::count(held_, Stage::none, &Held::stage);
+  const bool is_limited = most_ > 0 && waiting > most_;
   std::int64_t seen = 0;
   for (Held& h : held_) {
-    if (h.stage == Stage::none && waiting > most_) {
+    if (h.stage == Stage::none && is_limited) {
       if ((seen + 1) * most_ / waiting == seen * most_ / waiting) h.stage = Stage::erc;
       ++seen;
     }

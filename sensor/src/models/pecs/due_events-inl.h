@@ -118,7 +118,10 @@ class DueEvents {
   static float in_interval(double t_us, const IntervalTimes& t) {
     return std::clamp(static_cast<float>((t_us - t.t0_us) / (t.t1_us - t.t0_us)), 0.0f, 0x1.fffffep-1f);
   }
-  double delay_us(std::uint32_t p) const { return a_.exposures.row_us * ((rows_.first + p) / a_.exposures.width); }
+  double delay_us(std::uint32_t p) const {
+    const auto row = (rows_.first + p) / a_.exposures.width;
+    return a_.exposures.row_us * static_cast<double>(row);
+  }
   double step_us(std::uint32_t p) const { return a_.exposures.steps[next_step_[p]].t_us + delay_us(p); }
   bool has_steps(const IntervalTimes& t) const {
     return std::ranges::any_of(a_.exposures.steps, [&](const ExposureStep& step) {
