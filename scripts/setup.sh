@@ -51,6 +51,11 @@ if [ "$WITH_TESTS" = ON ]; then
   [ -x .venv-datasets/bin/python ] || /usr/bin/python3.11 -m venv --system-site-packages .venv-datasets
   python_packages .venv-datasets datasets datasets-no-deps
   use_checkout .venv-datasets/bin/python
+
+  say "Blender 5 (.venv-blender5)"
+  [ -x .venv-blender5/bin/python ] || /usr/bin/python3.11 -m venv .venv-blender5
+  python_packages .venv-blender5 blender5
+  use_checkout .venv-blender5/bin/python
 fi
 
 say "Program (build/release)"

@@ -11,4 +11,6 @@ ctest --test-dir build/release --output-on-failure -j "$(nproc)"
 say "pytest"
 "$PY" -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder
 .venv-datasets/bin/python -m pytest -q tests/python/learning/test_networks.py
+say "pytest with Blender 5"
+.venv-blender5/bin/python -m pytest -q -n 4 --dist loadfile tests/python/render/test_{blend,cuts,jobs,place}.py
 say "all tests passed"
