@@ -30,12 +30,13 @@ std::vector<Rgb> picture(std::span<const Event> events, int width, int height, c
   out.reserve(counts.size());
   for (const auto& [off, on] : counts) {
     const double total = double(off) + on, strength = 1 - std::pow(0.3, total);
-    const auto mixed = [&](std::uint8_t Rgb::* c) {
-      const double paper = theme.paper.*c,
-                   hue = total > 0 ? (off * (theme.off.*c) + on * (theme.on.*c)) / total : paper;
+    const auto mixed = [&](double paper, double of_off, double of_on) {
+      const double hue = total > 0 ? (off * of_off + on * of_on) / total : paper;
       return static_cast<std::uint8_t>(std::lround(paper + strength * (hue - paper)));
     };
-    out.push_back({mixed(&Rgb::r), mixed(&Rgb::g), mixed(&Rgb::b)});
+    const Rgb &of_none = theme.paper, &of_off = theme.off, &of_on = theme.on;
+    out.push_back({mixed(of_none.r, of_off.r, of_on.r), mixed(of_none.g, of_off.g, of_on.g),
+                   mixed(of_none.b, of_off.b, of_on.b)});
   }
   return out;
 }
