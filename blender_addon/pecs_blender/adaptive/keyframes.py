@@ -243,7 +243,7 @@ def _cheapest(steps: int, likely: np.ndarray) -> int:
     """Which of Paths.needs gives the cheapest whole intervals, of these lengths, that partial keyframes divide after
     `steps` each; 0 for whole ones of `steps`."""
     partial = (likely[1:] / steps - 1) * (PARTIAL_COST + TILES * FAST)
-    cost = np.append(1 / steps, np.where(likely[1:] >= GAIN * steps, (1 + partial) / likely[1:], np.inf))
+    cost = np.append(1 / steps, np.where(likely[1:] >= GAIN * steps, (1 + partial) / np.maximum(likely[1:], 1), np.inf))
     return int(np.argmin(cost))
 
 
