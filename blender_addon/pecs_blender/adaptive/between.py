@@ -41,7 +41,7 @@ Carried = tuple[pecs.CarriedLight, pecs.CarriedLight]  # photocurrent, and light
 @dataclass(frozen=True, kw_only=True)
 class KeyframeInterval:
     """Between keyframes `first` and `second` at grid indices `start` and `end`. path_px: the longest of a surface
-    point."""
+    point. still: pixels [height, width] in which both show what does not move."""
 
     index: int
     start: int
@@ -50,6 +50,7 @@ class KeyframeInterval:
     second: Picture
     carrier: pecs.Carrier
     path_px: float
+    still: np.ndarray
 
 
 class Prediction:
@@ -203,7 +204,7 @@ class Between:
             near = part_boxes(grown(done), *size)
             expected.fill(near)
             compared = halves if self._is_denoised else None
-            differing = judge.differing_in(near, expected.photocurrent, current, compared)
+            differing = judge.differing_in(near, self._interval.still, expected.photocurrent, current, compared)
             more = of_blocks(grown(differing)) & ~done
         return Rendered(current, done, differing)
 
@@ -274,11 +275,10 @@ class Between:
         glance = self._light.glance()
         now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
         glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
-        differing = (
-            self._judge.glances_differ(carried.at(self._fraction(step)) * change, now)
-            for carried in (glances, self._carried(step)[0])
-        )
-        return glance, np.logical_and(*differing)  # noise of one sample seldom differs from both
+        expected = [one.at(self._fraction(step)) * change for one in (glances, self._carried(step)[0])]
+        differing = [self._judge.glances_differ(one, now) for one in expected]
+        both = np.logical_and(*differing)  # noise of one sample seldom differs from both
+        return glance, both | of_blocks(self._judge.same_samples_differ(self._interval.still, expected[0], now))
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""

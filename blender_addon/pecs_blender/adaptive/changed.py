@@ -76,11 +76,13 @@ class ChangedParts:
     def _refreshed(self, anchor: Anchor, now: SurfaceHits, glance: np.ndarray) -> np.ndarray | None:
         """The anchor's frame with the current light where it changed; None if that is most of the picture."""
         judge, factors, surfaces = self._judge, self._stage.factors, self._hits.surfaces
-        moved = tiles_with(surfaces.moved(anchor.hits, now.poses) | surfaces.moved(now, anchor.hits.poses))
+        moving = surfaces.moved(anchor.hits, now.poses) | surfaces.moved(now, anchor.hits.poses)
+        moved = tiles_with(moving)
         if grown(moved).mean() > MAX_CHANGED:
             return None
-        glances = (judge.photocurrent(one, factors) for one in (anchor.picture.glance, glance))
-        frame, more = anchor.frame.copy(), grown(moved | judge.glances_differ(*glances))
+        glances = [judge.photocurrent(one, factors) for one in (anchor.picture.glance, glance)]
+        changed = judge.glances_differ(*glances) | of_blocks(judge.same_samples_differ(~moving, *glances))
+        frame, more = anchor.frame.copy(), grown(moved | changed)
         before = judge.photocurrent(self._light.bands_of(anchor.frame), factors=factors)
         done = np.zeros_like(more)
         while more.any():

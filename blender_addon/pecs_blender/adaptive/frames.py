@@ -160,6 +160,7 @@ class Adaptive:
             second=second,
             carrier=pecs.Carrier(motion),
             path_px=path_px,
+            still=(_moves(motion) == 0).all((0, 1)),
         )
         return Between(self._stage, self._light, self._judge, self._output, self._grid_s, interval)
 

@@ -13,6 +13,7 @@ from ..camera.tiles import (
     Box,
     at,
     box_of,
+    clearly_changed_blocks,
     differing_blocks,
     differing_tiles,
     of_blocks,
@@ -86,21 +87,27 @@ class Judge:
         """As `differing`, for pictures of one sample in each pixel."""
         return of_blocks(differing_blocks(a, b, self.tolerance, self.subpixels, few_samples=True))
 
+    def same_samples_differ(self, same: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Blocks [rows, columns] in which clearly more pixels of two photocurrents are brighter than darker, or the
+        other way round, of pixels [height, width] of which both have the same samples."""
+        return clearly_changed_blocks(np.where(same, a, np.nan), b)
+
     def differing_blocks(self, a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None) -> np.ndarray:
         """Blocks [rows, columns] in which two photocurrents differ. halves: half the difference of the halves of
         b's samples."""
         return differing_blocks(a, b, self.tolerance, self.subpixels, halves=halves)
 
     def differing_in(
-        self, boxes_px: list[Box], a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None
+        self, boxes_px: list[Box], same: np.ndarray, a: np.ndarray, b: np.ndarray, halves: np.ndarray | None = None
     ) -> np.ndarray:
-        """As `differing_blocks`, in these boxes of tiles; False elsewhere. a, b and halves are read up to a tile
-        beyond."""
+        """As `differing_blocks` and `same_samples_differ`, in these boxes of tiles; False elsewhere. The pictures are
+        read up to a tile beyond."""
         out = np.zeros(tiles_of(*a.shape[::-1], BLOCK_PX), bool)
         for left, top, right, bottom in boxes_px:
             x, y = max(0, left - TILE_PX), max(0, top - TILE_PX)
             part = np.s_[y : bottom + TILE_PX, x : right + TILE_PX]
             differing = self.differing_blocks(a[part], b[part], None if halves is None else halves[part])
+            differing |= self.same_samples_differ(same[part], a[part], b[part])
             inner = box_of((left, top, right, bottom), BLOCK_PX)
             out[at(inner)] = differing[at(inner, (x // BLOCK_PX, y // BLOCK_PX))]
         return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -14,6 +15,7 @@ EDGE_PX = 0.15  # tolerated shift of an edge, in sensor pixels
 SIGMAS = 4.0
 OF_HALVES = 2.0  # a difference counts beyond this times half the difference of the halves
 LIKE_NEIGHBOURS = 3.0  # limit of a block's scatter, relative to its neighbours; more is not noise
+CLEAR, CLEAR_PX = 0.5, 6  # change of a pixel, relative to the mean; pixels of a block that change so in one way
 CALL_PX = 20000  # as slow as another call of numpy's functions
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
@@ -87,6 +89,23 @@ def differing_blocks(
         usual = _of_neighbours(np.where(n >= BLOCK_PX, noise**2, np.nan), different, np.nanmean) ** 0.5
         different[different] = np.abs(total[different]) > np.maximum(sigmas * usual, OF_HALVES * noise[different])
     return different
+
+
+def clearly_changed_blocks(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Blocks in which, or in the square half a block further on, at least CLEAR_PX more pixels became clearly brighter
+    than darker, or the other way round, such as in a thin shadow. a, b: from the same samples; NaN pixels are ignored.
+    `differing_blocks` takes a change of up to half of a block for noise."""
+    with np.errstate(invalid="ignore"):
+        change = np.where(np.abs(b - a) > CLEAR / 2 * (a + b), np.sign(b - a), 0)
+    most = np.zeros(tiles_of(*change.shape[::-1], BLOCK_PX))
+    for y, x in product((0, BLOCK_PX // 2), repeat=2):
+        net = np.abs(np.nansum(_blocks(change[y:, x:]), -1))
+        part = most[: net.shape[0], : net.shape[1]]
+        np.maximum(part, net, out=part)
+    changed = most >= CLEAR_PX
+    usual = _of_neighbours(np.nansum(_blocks(np.abs(change)), -1), changed, np.median)
+    changed[changed] = most[changed] >= SIGMAS * np.sqrt(usual)
+    return changed
 
 
 def changed_blocks(a: np.ndarray, b: np.ndarray, tolerance: float) -> np.ndarray:

@@ -82,6 +82,16 @@ def test_blocks_of_the_same_samples_change_by_more_than_a_share():
     assert found[10, 20] and found[2, 2] and found[-1, -1] and not found[:, :2].any() and found.sum() <= 6
 
 
+def test_a_thin_shadow_of_the_same_samples_is_no_noise():
+    rng = np.random.default_rng(9)
+    own = np.ones(SHAPE)
+    other = np.where(rng.random(SHAPE) < 0.03, 5.0, own)  # bright paths
+    other[20:40, 63:65] = 0  # across a border of blocks
+    assert np.argwhere(tiles.of_blocks(tiles.clearly_changed_blocks(own, other))).tolist() == [[1, 3], [2, 3]]
+    noisy = [np.where(rng.random(SHAPE) < 0.5, 3.0, own) for _ in range(2)]
+    assert not tiles.clearly_changed_blocks(*noisy).any()
+
+
 def test_whole_tiles_show_what_noise_hides_from_blocks():
     rng = np.random.default_rng(6)
     own, other = (1 + 0.3 * rng.standard_normal(SHAPE) for _ in range(2))
