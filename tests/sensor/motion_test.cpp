@@ -332,6 +332,21 @@ struct Block {
   }
 };
 
+TEST(Motion, LightStaysBetweenThatOfThePicturesAround) {  // of a block at rest, warped as if it moved
+  const Carrier carrier(Block::layer(), kWidth, kHeight);
+  const Plane a = Block::light(0), b = Block::light(1);
+  Residuals residuals;
+  for (const double s : {0.25, 0.5, 0.75}) residuals.add(s, a, carry(carrier, a, b, s));
+  residuals.close();
+  for (const double s : {0.35, 0.45, 0.6, 0.7}) {
+    Plane plane = carry(carrier, a, b, s);
+    residuals.apply(s, a.data(), b.data(), plane.data(), 0, kPixels);
+    double most = 0;
+    for (std::size_t k = 0; k < kPixels; ++k) most = std::max(most, std::abs(std::log(plane[k] / double{a[k]})));
+    EXPECT_LT(most, 0.6) << s;  // the warped texture leaves its range by that; the edge of the block by ln 8
+  }
+}
+
 TEST(Motion, WhatIsNearerHides) {
   const Carrier carrier(Block::layer(), kWidth, kHeight);
   const Plane a = Block::light(0), b = Block::light(1);

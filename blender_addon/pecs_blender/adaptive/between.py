@@ -53,26 +53,50 @@ class KeyframeInterval:
     still: np.ndarray
 
 
-class Prediction:
-    """Light at a step as the sensor predicts it: that of both keyframes, warped to the step, times the change of the
-    residual. bands, channels: of the light as it is written. Arrays [height, width] of photocurrent are computed in the
-    boxes of fill(): warped, without the change, and photocurrent."""
+@dataclass(frozen=True)
+class Correction:
+    """Of warped photocurrent at a step, in these pixels, by pictures rendered before and after it. before, after:
+    ln(rendered / warped) and warped photocurrent. part: of the time between the two."""
 
-    def __init__(self, fraction: float, change: np.ndarray, carried: Carried, bands: int, channels: int):
-        self._fraction, self._change, self._bands = fraction, change, bands
+    pixels: np.ndarray
+    before: tuple[np.ndarray, np.ndarray]
+    after: tuple[np.ndarray, np.ndarray]
+    part: np.ndarray
+
+    def corrected(self, warped: np.ndarray) -> np.ndarray:
+        """Photocurrent as the sensor predicts it (Residuals::apply of sensor/src/light/moving_light.cpp)."""
+        out = np.maximum(warped, DARKEST_A)
+        light, (r, w), (next_r, next_w) = out.ravel()[self.pixels], self.before, self.after
+        w, next_w = np.maximum(w, DARKEST_A), np.maximum(next_w, DARKEST_A)
+        rendered, next_rendered = w * np.exp(r), next_w * np.exp(next_r)
+        least = np.minimum(rendered, next_rendered) * np.minimum(1, light / np.minimum(w, next_w))
+        most = np.maximum(rendered, next_rendered) * np.maximum(1, light / np.maximum(w, next_w))
+        out.ravel()[self.pixels] = np.clip(light * np.exp(r + self.part * (next_r - r)), least, most)
+        return out
+
+
+class Prediction:
+    """Light at a step as the sensor predicts it: that of both keyframes, warped to the step and corrected. bands: of
+    the light as it is written; shape: of all its channels. Arrays [height, width] of photocurrent are computed in the
+    boxes of fill(): warped, without the correction, and photocurrent."""
+
+    def __init__(self, fraction: float, correction: Correction, carried: Carried, bands: int, shape: tuple[int, ...]):
+        self._fraction, self._correction, self._bands = fraction, correction, bands
         self._carried_current, self._carried_light = carried
-        self._light = np.zeros((channels, *change.shape), np.float32)
-        self.warped, self.photocurrent = np.zeros((2, *change.shape), np.float32)
+        self._light = np.zeros(shape, np.float32)
+        self.warped, self.photocurrent = np.zeros((2, *shape[1:]), np.float32)
 
     def fill(self, boxes_px: list[Box]) -> None:
         self._carried_current.at(self._fraction, boxes_px, self.warped)
-        for box in boxes_px:
-            self.photocurrent[at(box)] = np.maximum(self.warped[at(box)], DARKEST_A) * self._change[at(box)]
+        self.photocurrent = self._correction.corrected(self.warped)
 
     def light(self, box: Box) -> np.ndarray:
         """[channels, height, width] of a box, as it is written."""
         self._carried_light.at(self._fraction, [box], self._light)
-        self._light[: self._bands][at(box)] *= self._change[at(box)]
+        if self._correction.pixels.size:
+            self.fill([box])
+            warped = np.maximum(self.warped[at(box)], DARKEST_A)
+            self._light[: self._bands][at(box)] *= self.photocurrent[at(box)] / warped
         return self._light[at(box)]
 
 
@@ -116,7 +140,7 @@ class Between:
         self._stage, self._light, self._judge, self._output, self._grid_s = stage, light, judge, output, grid_s
         self._interval = interval
         self._frame = interval.first.frame.copy()  # with what was rendered since in its place
-        self._residual: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # pixels and ln(rendered / warped), by step
+        self._residuals: dict[int, tuple[np.ndarray, ...]] = {}  # by step: pixels, ln(rendered / warped), warped
         self._lamp_changes = self._changes_of_lamps() if stage.lamps.names else None
         self._last_carried: tuple[np.ndarray, Carried] | None = None  # strengths of lamps
 
@@ -174,7 +198,7 @@ class Between:
             self._merge_denoised(expected, rendered, light)
         step = middle - self._interval.start
         self._output.write_between(self._interval.index, step, round(self._grid_s[middle] * 1e9), light)
-        self._residual[middle] = _log_ratio(rendered.current, expected.warped)
+        self._residuals[middle] = _residual(rendered.current, expected.warped)
         looks = looks and bool((new & rendered.wrong).any())
         self._halve(low, middle, rendered.wrong, looks)
         self._halve(middle, high, rendered.wrong, looks)
@@ -249,7 +273,7 @@ class Between:
 
     def _photocurrents(self, step: int, of: str = "raw") -> list[np.ndarray]:
         """Those of both keyframes, at a step's strengths of lamps. of: which light of Picture."""
-        factors = self._stage.lamps.factors(self._grid_s[step])
+        factors = self._factors(step)
         keyframes = self._interval.first, self._interval.second
         return [self._judge.photocurrent(getattr(one, of), factors) for one in keyframes]
 
@@ -273,18 +297,20 @@ class Between:
         as the step's light is known."""
         self._stage.set_time(self._grid_s[step])
         glance = self._light.glance()
-        now, change = self._judge.photocurrent(glance, self._stage.factors), self._change(step)
+        now, fraction = self._judge.photocurrent(glance, self._stage.factors), self._fraction(step)
         glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
-        expected = [one.at(self._fraction(step)) * change for one in (glances, self._carried(step)[0])]
-        differing = [self._judge.glances_differ(one, now) for one in expected]
+        warped = self._carried(step)[0].at(fraction)
+        expected = self._correction(step).corrected(warped)
+        of_glances = glances.at(fraction) * (expected / np.maximum(warped, DARKEST_A))
+        differing = [self._judge.glances_differ(one, now) for one in (of_glances, expected)]
         both = np.logical_and(*differing)  # noise of one sample seldom differs from both
-        return glance, both | of_blocks(self._judge.same_samples_differ(self._interval.still, expected[0], now))
+        return glance, both | of_blocks(self._judge.same_samples_differ(self._interval.still, of_glances, now))
 
     def _changes_of_lamps(self) -> np.ndarray:
         """[steps + 1, some pixels]: ln of the first keyframe's light over that interpolated in time."""
         first, steps = self._interval.first, range(self._interval.start, self._interval.end + 1)
         some = first.raw.reshape(len(first.raw), 1, -1)[..., :: -(-first.raw[0].size // LAMP_PIXELS)]
-        factors = [self._stage.lamps.factors(self._grid_s[step]) for step in steps]
+        factors = [self._factors(step) for step in steps]
         light = np.concatenate([self._judge.photocurrent(some, factors=one) for one in factors])
         light = light[:, light.any(0)]
         part = np.array([self._fraction(step) for step in steps])[:, None]
@@ -303,12 +329,13 @@ class Between:
         return np.count_nonzero(~followed) > LAMP_SHARE * followed.size
 
     def _prediction(self, step: int) -> Prediction:
+        shape = self._channels, *self._stage.size[::-1]
         bands = len(self._judge.weights)
-        return Prediction(self._fraction(step), self._change(step), self._carried(step), bands, self._channels)
+        return Prediction(self._fraction(step), self._correction(step), self._carried(step), bands, shape)
 
     def _carried(self, step: int) -> Carried:
         """At the step's strengths of lamps."""
-        factors = self._stage.lamps.factors(self._grid_s[step])
+        factors = self._factors(step)
         if self._last_carried is None or not np.array_equal(self._last_carried[0], factors):
             keyframes, carrier = (self._interval.first, self._interval.second), self._interval.carrier
             written = (self._judge.lit(one.written, factors) for one in keyframes)
@@ -316,32 +343,35 @@ class Between:
             self._last_carried = factors, (current, pecs.CarriedLight(carrier, *written))
         return self._last_carried[1]
 
-    def _change(self, step: int) -> np.ndarray:
-        """Rendered over warped photocurrent [height, width]: the residual interpolated between rendered pictures, as in
-        the sensor's prediction if the lamps have constant strength."""
-        out = np.ones(self._stage.size[::-1], np.float32)
-        if not self._residual:
-            return out
-        start_s, end_s = self._grid_s[self._interval.start], self._grid_s[self._interval.end]
-        before, after = np.zeros(out.size, np.float32), np.zeros(out.size, np.float32)
-        since, until = np.zeros(out.size), np.zeros(out.size)  # s after the interval's start, before its end
-        for node, (where, residual) in sorted(self._residual.items(), key=lambda item: item[0]):
-            if node < step:
-                before[where], since[where] = residual, self._grid_s[node] - start_s
-        for node, (where, residual) in sorted(self._residual.items(), key=lambda item: -item[0]):
-            if node > step:
-                after[where], until[where] = residual, end_s - self._grid_s[node]
-        where = np.unique(np.concatenate([pixels for pixels, _ in self._residual.values()]))
-        part = (self._grid_s[step] - start_s - since[where]) / (end_s - start_s - until[where] - since[where])
-        out.ravel()[where] = np.exp(before[where] + part * (after[where] - before[where]))
-        return out
+    def _correction(self, step: int) -> Correction:
+        """Interpolated between rendered pictures, as in the sensor if the lamps have constant strength."""
+        known, it, size = self._residuals, self._interval, self._stage.size
+        pixels = np.unique(np.concatenate([where for where, *_ in known.values()])) if known else np.zeros(0, int)
+        sides = []
+        for end, keyframe, nodes in (
+            (it.start, it.first, sorted(node for node in known if node < step)),
+            (it.end, it.second, sorted((node for node in known if node > step), reverse=True)),
+        ):
+            light = keyframe.raw.reshape(len(keyframe.raw), 1, -1)[..., pixels]
+            near = np.zeros((3, size[0] * size[1]), np.float32)  # part of the interval, ln(rendered / warped), warped
+            near[0], near[2, pixels] = end == it.end, self._judge.photocurrent(light, self._factors(end))
+            for node in nodes:
+                where, *of_node = known[node]
+                near[0, where], near[1:, where] = self._fraction(node), of_node
+            sides.append(near[:, pixels])
+        (since, *before), (until, *after) = sides
+        return Correction(pixels, before, after, (self._fraction(step) - since) / (until - since))
+
+    def _factors(self, step: int) -> np.ndarray:
+        return self._stage.lamps.factors(self._grid_s[step])
 
 
-def _log_ratio(current: np.ndarray, warped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels with a residual, and ln(current / warped) there. A dark pixel among lit ones has too few samples: 0."""
+def _residual(current: np.ndarray, warped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels with a residual, ln(current / warped), 0 of a dark pixel among lit ones, which has too few samples, and
+    warped there."""
     where = np.isfinite(current) & np.isfinite(warped)
     noisy = [(one <= DARKEST_A) & grown(grown(one > DARKEST_A)) for one in (current, warped)]
+    current, warped = np.maximum(current, DARKEST_A), np.maximum(warped, DARKEST_A)
     with np.errstate(invalid="ignore"):
-        ratio = np.log(np.maximum(current, DARKEST_A) / np.maximum(warped, DARKEST_A))
-    residual = np.where(noisy[0] | noisy[1], 0, ratio)
-    return np.flatnonzero(where), residual[where]
+        ratio = np.log(current / warped)
+    return np.flatnonzero(where), np.where(noisy[0] | noisy[1], 0, ratio)[where], warped[where]

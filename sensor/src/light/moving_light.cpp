@@ -26,8 +26,9 @@ bool is_keyframe(double s) { return s == 0 || s == 1; }
 
 void Residuals::add(double s, std::span<const float> rendered, std::span<const float> warped) {
   for (std::size_t i = 0; i < rendered.size(); ++i) {
-    const float r = log_of(std::max(rendered[i], kDarkest_fa) / std::max(warped[i], kDarkest_fa));
-    if (std::isfinite(r)) entries_.push_back({static_cast<std::uint32_t>(i), {static_cast<float>(s), r}});
+    const float light = std::max(warped[i], kDarkest_fa);
+    const float r = log_of(std::max(rendered[i], kDarkest_fa) / light);
+    if (std::isfinite(r)) entries_.push_back({static_cast<std::uint32_t>(i), {static_cast<float>(s), r, light}});
   }
 }
 
@@ -44,23 +45,30 @@ void Residuals::close() {
   entries_ = {};
 }
 
-void Residuals::apply(double s, float* warped, std::size_t begin, std::size_t end) const {
+void Residuals::apply(double s, const float* first, const float* second, float* warped, std::size_t begin,
+                      std::size_t end) const {
   const auto now = static_cast<float>(s);
   const auto index_of = [&](std::size_t pixel) {
     return static_cast<std::size_t>(std::ranges::lower_bound(pixels_, pixel) - pixels_.begin());
   };
   tbb::parallel_for(tbb::blocked_range<std::size_t>(index_of(begin), index_of(end), 1 << 13), [&](const auto& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      Residual before{0, 0}, after{1, 0};
+      const std::uint32_t pixel = pixels_[i];
+      const Residual at_end{1, 0, std::max(second[pixel], kDarkest_fa)};
+      Residual before{0, 0, std::max(first[pixel], kDarkest_fa)}, after = at_end;
       for (std::uint32_t k = first_[i]; k < first_[i + 1]; ++k) {
         after = residuals_[k];
         if (after.s >= now) break;
         before = after;
-        after = {1, 0};
+        after = at_end;
       }
       const float part = after.s > before.s ? (now - before.s) / (after.s - before.s) : 1.0f;
-      float& light = warped[pixels_[i]];
-      light = std::max(light, kDarkest_fa) * exp_of(before.r + part * (after.r - before.r));
+      const float light = std::max(warped[pixel], kDarkest_fa), r = before.r + part * (after.r - before.r);
+      // An edge that is warped to a wrong place has a large r before it and after it, but not between them.
+      const auto [low, high] = std::minmax({before.warped, after.warped});
+      const auto [least, most] = std::minmax({before.warped * exp_of(before.r), after.warped * exp_of(after.r)});
+      warped[pixel] =
+          std::clamp(light * exp_of(r), least * std::min(1.0f, light / low), most * std::max(1.0f, light / high));
     }
   });
 }
@@ -230,7 +238,8 @@ void MovingLight::warp(const LightInterval& interval, std::span<const double> fr
   interval.carried->planes(fractions, out, boxes);
   for (std::size_t k = 0; k < out.size() && !interval.residuals.empty(); ++k)
     if (const double s = fractions[k / lights_]; !is_keyframe(s))
-      interval.residuals[k % lights_].apply(s, out[k], begin, end);
+      interval.residuals[k % lights_].apply(s, interval.first[k % lights_], interval.second[k % lights_], out[k], begin,
+                                            end);
 }
 
 // Means over subpixels, in these boxes of them.

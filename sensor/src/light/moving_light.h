@@ -27,14 +27,16 @@ class Residuals {
   // After the last add.
   void close();
   // Multiplies pixels [begin, end) of a warped plane by exp(r) at s: r is linear between the pictures in which the
-  // pixel was rendered, and 0 at the keyframes. In the caller's TBB arena.
-  void apply(double s, float* warped, std::size_t begin, std::size_t end) const;
+  // pixel was rendered, and 0 at the keyframes, planes `first` and `second`. The light leaves the range of that in the
+  // pictures before and after as far as the warped light leaves its own. In the caller's TBB arena.
+  void apply(double s, const float* first, const float* second, float* warped, std::size_t begin,
+             std::size_t end) const;
   // Those that were rendered, rising. After close().
   std::span<const std::uint32_t> pixels() const { return pixels_; }
 
  private:
   struct Residual {
-    float s, r;
+    float s, r, warped;
   };
   struct Entry {
     std::uint32_t pixel;
