@@ -242,8 +242,22 @@ class Film:
 def _engine_results(inspect: Callable | None, renders: bool):
     """Collects what Cycles' engine renders in this context: per view layer, passes by name, row 0 at the top."""
     from cycles import CyclesRender  # Blender's add-on
+    from cycles import engine as cycles_engine
 
-    render, results, errors = CyclesRender.render, [], []
+    render, update, results, errors = CyclesRender.render, CyclesRender.update, [], []
+
+    def update_in_order(engine, data, depsgraph):
+        """Cycles puts what appears behind all that it has kept, and samples of lights depend on their order. So if one
+        appears or vanishes, Cycles starts as in a new process."""
+        if renders:
+            known, before = getattr(engine, "pecs_lights", ({}, None))
+            shown = ((one.object, one.random_id) for one in depsgraph.object_instances)
+            lights = [(thing.name_full, number) for thing, number in shown if _emits(thing, known)]
+            if engine.session and before not in (None, lights):
+                cycles_engine.free(engine)
+                engine.session = None
+            engine.pecs_lights = known, lights
+        update(engine, data, depsgraph)
 
     def render_and_keep(engine, depsgraph):
         try:
@@ -256,13 +270,32 @@ def _engine_results(inspect: Callable | None, renders: bool):
             render(engine, depsgraph)
             results.extend(_passes_by_name(engine.get_result()))
 
-    CyclesRender.render = render_and_keep
+    CyclesRender.render, CyclesRender.update = render_and_keep, update_in_order
     try:
         yield results
     finally:
-        CyclesRender.render = render
+        CyclesRender.render, CyclesRender.update = render, update
     if errors:
         raise errors[0]
+
+
+def _emits(thing: bpy.types.Object, known: dict[str, bool]) -> bool:
+    """known: of objects by name."""
+    name = thing.name_full
+    if name not in known:
+        trees = [slot.material.node_tree for slot in thing.material_slots if slot.material]
+        known[name] = thing.type == "LIGHT" or any(map(_may_emit, trees))
+    return known[name]
+
+
+def _may_emit(tree: bpy.types.NodeTree | None) -> bool:
+    for node in tree.nodes if tree else ():
+        emission = node.inputs.get("Emission Strength")
+        if node.type == "EMISSION" or (emission and (emission.is_linked or emission.default_value)):
+            return True
+        if node.type == "GROUP" and _may_emit(node.node_tree):
+            return True
+    return False
 
 
 # Names of passes in Blender 4.5 -> 5.

@@ -55,6 +55,31 @@ def test_shards_of_a_plan_merge_to_one_run(root, whole, tmp_path):
     assert contents(tmp_path / "s") == contents(whole)
 
 
+LIGHTS = """
+import sys
+from pecs_lab.blend import floor, material, save, start
+
+start((32, 24), (0, -4, 0), 90)
+floor(material("paper", ("ShaderNodeBsdfDiffuse", {}))[0], 12, (0, 1, 0), (90, 0, 0))
+for x, hidden in ((-1, (0, 1, 0)), (0, (0, 0, 0)), (1, (0, 0, 0))):
+    glow, _, _ = material("glow", ("ShaderNodeEmission", {}))
+    board = floor(glow, 0.5, (x, 0, 0), (90, 0, 0))
+    for frame, board.hide_render in enumerate(hidden, 1):
+        board.keyframe_insert("hide_render", frame=frame)
+save(sys.argv[1], "lights")
+"""
+
+
+def test_what_lit_earlier_frames_changes_no_sample(tmp_path):
+    """A board that emits light is hidden, and there again in the last frame."""
+    in_bpy(LIGHTS, tmp_path)
+    args = ("render", tmp_path / "lights.blend", "--bands", 1, "--fps", 24, "--samples", 4)
+    for name, frames in (("alone", "2:3"), ("all", "0:3")):
+        pecs_blender(*args, "--frames", frames, "-o", tmp_path / name)
+    alone, last = (pecs.StackReader(tmp_path / name).read_frame(i) for name, i in (("alone", 0), ("all", 2)))
+    assert np.array_equal(alone, last)
+
+
 def test_strange_shards_do_not_merge(root, whole, tmp_path):
     run(root, "rotating_disk", tmp_path / "a", *SMALL, "--frames", "6:7", "--seed", 2)
     result = pecs_blender("merge", whole, tmp_path / "a", "-o", tmp_path / "s", check=False)
