@@ -20,7 +20,8 @@ Timeline::Timeline(FrameSource& source, const Window& window) : source_(source) 
   to_us_ = std::numeric_limits<std::int64_t>::max();
   if (window.warmup_loops > 0 && !info.period_ns)
     throw bad_input(source.name(), "period_ns", "nothing", "a period, for --warmup-loops");
-  if (window.warmup_loops > 0 || (info.period_ns && window.duration_us)) {
+  const bool is_complete = source.frames() == std::ssize(info.times_ns);
+  if (info.period_ns && (window.warmup_loops > 0 || window.duration_us || is_complete)) {
     period_us_ = static_cast<double>(*info.period_ns) * 1e-3;
     const double origin_us = window.warmup_loops * period_us_ + static_cast<double>(window.start_us);
     const double duration_us = window.duration_us ? static_cast<double>(*window.duration_us) : period_us_;

@@ -59,14 +59,21 @@ def test_between_frames_it_is_carried(stack):
 
 
 def test_pictures_between_are_heeded(stack):
-    """As the sensor does: ln of the rendered to the carried light, linear from instant to instant."""
+    """As the sensor does: ln of the rendered to the carried light, linear from instant to instant, in the range of the
+    light in the pictures around, which the carried light extends as far as it leaves its own."""
     at = 0.25
     with pecs.StackReader(stack) as reader:
         rendered = reader.read_between(1, 0)[0] / reader.read_frame(0)[0] * CHIP.photocurrent(stack, 0)
-    log_ratio = np.nan_to_num(np.log(rendered / carried(stack, 1, at, BACK)))
+    between = carried(stack, 1, at, BACK)
+    log_ratio = np.nan_to_num(np.log(rendered / between))
     with pecs.Light(stack, CHIP) as light:
+        first, second = (light.at(step * STEP_US)[0] for step in (1, 2))
         for fraction, part in ((0.1, 0.1 / at), (at, 1.0), (0.7, 0.3 / 0.75)):
-            wanted = carried(stack, 1, fraction, BACK) * np.exp(part * log_ratio)
+            now, end = carried(stack, 1, fraction, BACK), first if fraction < at else second
+            shown = between * np.exp(log_ratio)
+            least = np.minimum(shown, end) * np.minimum(1, now / np.minimum(between, end))
+            most = np.maximum(shown, end) * np.maximum(1, now / np.maximum(between, end))
+            wanted = np.clip(now * np.exp(part * log_ratio), least, most)
             same(light.at((1 + fraction) * STEP_US)[0], wanted)
         assert np.median(log_ratio[:, :48]) > 0.6 and (log_ratio[:, 48:] == 0).all()
 

@@ -47,6 +47,12 @@ def test_loops_are_the_unrolled_stack(tmp_path, pecs_program):
     later = read_csv(tmp_path / "c.csv")
     np.testing.assert_array_equal(later[later[:, 0] < turn - 7000], cut)
     assert (later[:, 0] >= turn - 7000).any()
+    # Without options, one period, to its end.
+    sense(pecs_program, tmp_path / "loop", "-o", tmp_path / "d.csv")
+    sense(pecs_program, tmp_path / "unrolled", "-o", tmp_path / "e.csv", *window)
+    one = read_csv(tmp_path / "d.csv")
+    np.testing.assert_array_equal(one, read_csv(tmp_path / "e.csv"))
+    assert (one[:, 0] > (N - 1) * 1000).any()
 
 
 def test_window_of_a_plain_stack(tmp_path, pecs_program):

@@ -17,7 +17,7 @@ struct Window {
   int warmup_loops = 0;        // of a periodic stack, before the output begins
   std::int64_t warmup_us = 0;  // light before the first frame, extrapolated; not of a periodic stack
   std::int64_t start_us = 0;   // the output begins this long after the warm-up (or the first frame)
-  std::optional<std::int64_t> duration_us;
+  std::optional<std::int64_t> duration_us;  // none: the period, or to the last frame
 };
 
 // Most photocurrents of a loop that are held in memory. A larger loop is simulated band by band of rows.
