@@ -145,7 +145,8 @@ void add_window(CLI::App* sub, SenseArguments* o) {
   add_quantity(*sub, "--start", o->window.start_us, "us",
                "start of the output, from the first frame or the end of the warm-up")
       ->check(CLI::Range(std::int64_t{0}, sensor::kLongestTime_us));
-  add_quantity(*sub, "--duration", o->window.duration_us, "us", "duration of the output; a periodic stack is looped (default: its period)")
+  add_quantity(*sub, "--duration", o->window.duration_us, "us",
+               "duration of the output; a periodic stack is looped (default: its period)")
       ->check(CLI::Range(std::int64_t{1}, sensor::kLongestTime_us));
 }
 

@@ -14,9 +14,9 @@ namespace pecs::sensor {
 inline constexpr std::int64_t kLongestWarmup_us = 10'000'000;
 
 struct Window {
-  int warmup_loops = 0;        // of a periodic stack, before the output begins
-  std::int64_t warmup_us = 0;  // light before the first frame, extrapolated; not of a periodic stack
-  std::int64_t start_us = 0;   // the output begins this long after the warm-up (or the first frame)
+  int warmup_loops = 0;                     // of a periodic stack, before the output begins
+  std::int64_t warmup_us = 0;               // light before the first frame, extrapolated; not of a periodic stack
+  std::int64_t start_us = 0;                // the output begins this long after the warm-up (or the first frame)
   std::optional<std::int64_t> duration_us;  // none: the period, or to the last frame
 };
 
