@@ -137,7 +137,7 @@ struct Sums {
     if (a.isolated) return;
     ++n, ++of[e.p];
     if (a.interval >= 0)
-      interval += a.interval, ++intervals[2 * e.p + static_cast<std::size_t>(a.opposite)][bin(a.interval)];
+      interval += a.interval, ++intervals[std::size_t{2} * e.p + static_cast<std::size_t>(a.opposite)][bin(a.interval)];
     else
       interval += 6;
     neighbour += a.neighbour, ++neighbours[e.p][bin(a.neighbour)];
@@ -190,7 +190,10 @@ std::vector<Patch> patches_of(std::span<const Event> all, int width, int height,
 
   std::array patterns{patterns_of(counts, hot, width, height, 0), patterns_of(counts, hot, width, height, 1)};
   const int columns = width / kPatch, rows = height / kPatch;
-  const auto block_of = [&](const Event& e) { return static_cast<std::size_t>(e.y / kPatch * columns + e.x / kPatch); };
+  const auto block_of = [&](const Event& e) {
+    return static_cast<std::size_t>(e.y / kPatch) * static_cast<std::size_t>(columns) +
+           static_cast<std::size_t>(e.x / kPatch);
+  };
   for (const Event& e : events)
     if (e.x / kPatch < columns && e.y / kPatch < rows)
       patterns[static_cast<std::size_t>(2 * e.t_us / end_us)][block_of(e)].on += e.p;

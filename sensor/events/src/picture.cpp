@@ -28,8 +28,8 @@ std::vector<Rgb> picture(std::span<const Event> events, int width, int height, c
 
   std::vector<Rgb> out;
   out.reserve(counts.size());
-  for (const auto& [off, on] : counts) {
-    const double total = double(off) + on, strength = 1 - std::pow(0.3, total);
+  for (const auto& count : counts) {
+    const double off = count[0], on = count[1], total = off + on, strength = 1 - std::pow(0.3, total);
     const auto mixed = [&](double paper, double of_off, double of_on) {
       const double hue = total > 0 ? (off * of_off + on * of_on) / total : paper;
       return static_cast<std::uint8_t>(std::lround(paper + strength * (hue - paper)));

@@ -12,7 +12,8 @@ cv::Mat_<float> relative_light(const sensor::FrameSource& frames, std::int64_t f
   frames.read_rows(frame, [&](int y, int rows, std::span<const float> values) {
     if (sink) (*sink)(y, rows, values);
     const std::size_t plane = static_cast<std::size_t>(rows) * static_cast<std::size_t>(light.cols);
-    const auto bands = static_cast<float>(values.size() / plane);
+    const std::size_t planes = values.size() / plane;
+    const auto bands = static_cast<float>(planes);
     float* to = light[y];
     for (std::size_t i = 0; i < values.size(); ++i)
       if (std::isfinite(values[i])) to[i % plane] += std::max(0.0f, values[i]) / bands;

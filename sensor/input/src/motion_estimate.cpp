@@ -127,7 +127,8 @@ void mark_paths(const cv::Mat& points, const cv::Mat& flow, bool second, std::ve
         const float s = (static_cast<float>(second ? 7 - k : k) + 0.5f) / 8;
         const int px = cvRound(static_cast<float>(x) + s * d.x), py = cvRound(static_cast<float>(y) + s * d.y);
         if (px >= 0 && py >= 0 && px < flow.cols && py < flow.rows)
-          out[static_cast<std::size_t>(py * flow.cols + px)] |= static_cast<std::uint8_t>(1 << k);
+          out[static_cast<std::size_t>(py) * static_cast<std::size_t>(flow.cols) + static_cast<std::size_t>(px)] |=
+              static_cast<std::uint8_t>(1 << k);
       }
     }
 }

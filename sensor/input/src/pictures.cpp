@@ -126,7 +126,8 @@ class Pictures : public sensor::FrameSource {
   virtual cv::Mat frame(std::int64_t index) const = 0;
 
   void describe(const cv::Mat& first) {
-    if ((is_8_bit_ = first.depth() == CV_8U)) look_at(first);
+    is_8_bit_ = first.depth() == CV_8U;
+    if (is_8_bit_) look_at(first);
     info_.quantity = sensor::Quantity::relative;
     of_file_ = first.size();
     used_ = crop_ ? cv::Rect(crop_->x, crop_->y, crop_->width, crop_->height) : cv::Rect({0, 0}, of_file_);
