@@ -244,7 +244,8 @@ PupilTable pupil_table(const Tracer& tracer, double film_z_mm, double max_r_mm) 
                                                       : exact_pupil(tracer, film_z_mm, max_r_mm * i / (dense - 1.0));
     });
     table.ellipses.assign(nodes, {});
-    tbb::parallel_for(0, nodes, [&](int i) { table.ellipses[i] = covering_ellipse(pupils[std::size_t(i) * per_node]); });
+    tbb::parallel_for(0, nodes,
+                      [&](int i) { table.ellipses[i] = covering_ellipse(pupils[std::size_t(i) * per_node]); });
     // A film point without light gets its neighbour's ellipse, so that the interpolated ellipse still covers the pupil.
     for (int i = 1; i < nodes; ++i)
       if (table.ellipses[i].a_mm == 0) table.ellipses[i] = table.ellipses[i - 1];
