@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs the tests of the renderer and the panel with the newest Blender of PyPI that this Python can have (bpy 4.5 and 5.0: CPython 3.11; 5.1
+# Runs the tests of renderer and panel with the newest Blender of PyPI that this Python can have (5.0: CPython 3.11; 5.1
 # and later: 3.13), in an environment of its own (.venv-newest); the rest stays as scripts/setup.sh made it.
 #   scripts/packaging/newest_bpy.sh [PYTHON [OPTIONS of pytest]]    PYTHON: python3 if not given
 source "$(dirname "$0")/../lib.sh"
