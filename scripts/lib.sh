@@ -90,6 +90,13 @@ python_packages() {
   printf '%s' "$key" >"$venv/pecs-current"
 }
 
+# use_checkout PYTHON: its `import pecs`, and the command pecs_blender in its folder, come from this checkout.
+use_checkout() {
+  printf '#!/bin/sh\nexec "%s" -m pecs_blender "$@"\n' "$ROOT/$1" >"$(dirname "$1")/pecs_blender"
+  chmod +x "$(dirname "$1")/pecs_blender"
+  printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" "$ROOT/scripts/lab" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
+}
+
 # optional_packages PYTHON NAME,...: installs optional dependencies of pyproject.toml; the environment's NumPy and h5py stay.
 optional_packages() {
   local requirements

@@ -21,13 +21,6 @@ PACKAGES=(g++ cmake ninja-build pkg-config git python3 python3-venv
   libx11-6 libxi6 libxxf86vm1 libxfixes3 libxrender1 libxkbcommon0 libsm6 libice6 libgl1 libegl1)
 [ "$WITH_TESTS" = ON ] && PACKAGES+=(ccache libgtest-dev python3-torch python3-torchvision libgl1-mesa-dri)
 
-# use_checkout PYTHON: its `import pecs`, and the command pecs_blender in its folder, come from this checkout.
-use_checkout() {
-  printf '#!/bin/sh\nexec "%s" -m pecs_blender "$@"\n' "$ROOT/$1" >"$(dirname "$1")/pecs_blender"
-  chmod +x "$(dirname "$1")/pecs_blender"
-  printf '%s\n' "$ROOT/python" "$ROOT/blender_addon" "$ROOT/scripts/lab" >"$("$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/pecs.pth"
-}
-
 say "Debian packages"
 debian_packages "${PACKAGES[@]}"
 # Booting makes it; in a bare chroot, where nothing booted, Blender complains of its absence at every start.

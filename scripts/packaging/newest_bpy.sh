@@ -10,9 +10,10 @@ NEWEST="$ROOT/.venv-newest/bin/python"
 say "Python packages (.venv-newest)"
 "$PYTHON" -m venv --clear "$ROOT/.venv-newest"
 "$NEWEST" -m pip install --quiet --disable-pip-version-check --upgrade bpy numpy scipy pytest opencv-python-headless h5py matplotlib OpenImageIO colour-science
+use_checkout .venv-newest/bin/python
 "$NEWEST" -c 'import bpy; print("Blender", bpy.app.version_string)'
 say "Tests of the renderer and the panel"
 # libpecs of a checkout has the system's oneTBB. bpy 5.2 wants a newer one: its own serves both.
 TBB=$(find "$ROOT/.venv-newest" -path '*/bpy/lib/libtbb.so.12' | head -1)
-LD_PRELOAD="$TBB" PYTHONPATH="$ROOT/python:$ROOT/blender_addon:$ROOT/scripts/lab" "$NEWEST" -m pytest -q tests/python/render tests/python/panel "${@:2}"
+LD_PRELOAD="$TBB" "$NEWEST" -m pytest -q tests/python/render tests/python/panel "${@:2}"
 say "done"
