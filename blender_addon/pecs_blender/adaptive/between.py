@@ -55,23 +55,30 @@ class KeyframeInterval:
 
 @dataclass(frozen=True)
 class Correction:
-    """Of warped photocurrent at a step, in these pixels, by pictures rendered before and after it. before, after:
-    ln(rendered / warped) and warped photocurrent. part: of the time between the two."""
+    """Of warped photocurrent at a step, in these pixels (indices that increase), by pictures rendered before and after
+    it. before, after: ln(rendered / warped) and warped photocurrent. part: of the time between the two."""
 
     pixels: np.ndarray
     before: tuple[np.ndarray, np.ndarray]
     after: tuple[np.ndarray, np.ndarray]
     part: np.ndarray
 
-    def corrected(self, warped: np.ndarray) -> np.ndarray:
-        """Photocurrent as the sensor predicts it (Residuals::apply of sensor/src/light/moving_light.cpp)."""
-        out = np.maximum(warped, DARKEST_A)
-        light, (r, w), (next_r, next_w) = out.ravel()[self.pixels], self.before, self.after
+    def apply(self, warped: np.ndarray, box: Box, out: np.ndarray) -> np.ndarray:
+        """Writes photocurrent as the sensor predicts it (Residuals::apply of sensor/src/light/moving_light.cpp) into a
+        box of `out`, and returns `out`."""
+        (left, top, right, bottom), width = box, warped.shape[1]
+        out[at(box)] = np.maximum(warped[at(box)], DARKEST_A)
+        some = np.arange(*np.searchsorted(self.pixels, (top * width, bottom * width)))
+        column = self.pixels[some] % width
+        some = some[(left <= column) & (column < right)]
+        pixels, part = self.pixels[some], self.part[some]
+        (r, w), (next_r, next_w) = ([one[some] for one in side] for side in (self.before, self.after))
+        light = out.ravel()[pixels]
         w, next_w = np.maximum(w, DARKEST_A), np.maximum(next_w, DARKEST_A)
         rendered, next_rendered = w * np.exp(r), next_w * np.exp(next_r)
         least = np.minimum(rendered, next_rendered) * np.minimum(1, light / np.minimum(w, next_w))
         most = np.maximum(rendered, next_rendered) * np.maximum(1, light / np.maximum(w, next_w))
-        out.ravel()[self.pixels] = np.clip(light * np.exp(r + self.part * (next_r - r)), least, most)
+        out.ravel()[pixels] = np.clip(light * np.exp(r + part * (next_r - r)), least, most)
         return out
 
 
@@ -88,7 +95,8 @@ class Prediction:
 
     def fill(self, boxes_px: list[Box]) -> None:
         self._carried_current.at(self._fraction, boxes_px, self.warped)
-        self.photocurrent = self._correction.corrected(self.warped)
+        for box in boxes_px:
+            self._correction.apply(self.warped, box, self.photocurrent)
 
     def light(self, box: Box) -> np.ndarray:
         """[channels, height, width] of a box, as it is written."""
@@ -300,7 +308,7 @@ class Between:
         now, fraction = self._judge.photocurrent(glance, self._stage.factors), self._fraction(step)
         glances = pecs.CarriedLight(self._interval.carrier, *self._photocurrents(step, "glance"))
         warped = self._carried(step)[0].at(fraction)
-        expected = self._correction(step).corrected(warped)
+        expected = self._correction(step).apply(warped, (0, 0, *self._stage.size), np.empty_like(warped))
         of_glances = glances.at(fraction) * (expected / np.maximum(warped, DARKEST_A))
         differing = [self._judge.glances_differ(one, now) for one in (of_glances, expected)]
         both = np.logical_and(*differing)  # noise of one sample seldom differs from both
